@@ -1,0 +1,48 @@
+"""Configuration of the estimators. Field docstrings are the command line's help."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+Matching = Literal["gated", "nearest", "known"]
+
+
+@dataclass(frozen=True, slots=True)
+class MatchingConfig:
+    """Which landmark a sighting belongs to."""
+
+    method: Matching = "gated"
+    """gated: smallest Mahalanobis distance, nearest pair first, one sighting per landmark and
+    node. nearest: the papers' nearest landmark within fixed thresholds. known: the log's true
+    identities, for judging only."""
+    gate: float = 14.0
+    """Squared Mahalanobis distance up to which a sighting of two dimensions matches (chi-square,
+    99.9 %); other dimensions take the same probability."""
+    gate_new: float = 80.0
+    """Squared Mahalanobis distance from every landmark beyond which a sighting starts a new one;
+    in between it is dropped and counted."""
+    nearest_distance_m: float = 0.15
+    """Largest difference in length for `nearest`, in the frame of the sighting, m."""
+    nearest_angle_deg: float = 10.0
+    """Largest difference in angle for `nearest`, degrees."""
+
+
+@dataclass(frozen=True, slots=True)
+class EkfConfig:
+    """EKF-SLAM."""
+
+    matching: MatchingConfig = field(default_factory=MatchingConfig)
+    lost_after: int = 5
+    """Nodes in a row whose sightings were all rejected after which the filter says 'lost' and
+    doubles the standard deviations of its pose; 0 switches this off."""
+
+
+@dataclass(frozen=True, slots=True)
+class SmootherConfig:
+    """Full smoothing by a GTSAM factor graph."""
+
+    max_iterations: int = 50
+    """Largest number of linear solves."""
+    tolerance: float = 1e-10
+    """Converged when the predicted relative decrease of the cost falls below this."""

@@ -1,0 +1,166 @@
+"""What estimators return."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from graphslam.arrays import AnyArray, frozen, load_arrays, save_arrays
+from graphslam.errors import BadMeasurements
+from graphslam.geometry import Array
+from graphslam.measurements import IntArray, LandmarkMap
+
+ESTIMATE_FORMAT = "graphslam-estimate/1"
+
+
+@dataclass(frozen=True, slots=True)
+class Unobserved:
+    """A direction that the sightings left as uncertain as odometry alone.
+
+    Attributes:
+        quantity: "position" or "heading".
+        direction: (2,) unit vector in the floor frame; (0, 0) for the heading.
+        sigma: posterior standard deviation of the last pose along it, m or rad.
+        sigma_odometry: the same of odometry alone, m or rad.
+    """
+
+    quantity: str
+    direction: tuple[float, float]
+    sigma: float
+    sigma_odometry: float
+
+    def __str__(self) -> str:
+        if self.quantity == "heading":
+            return (
+                f"the heading is not observed: sigma {np.degrees(self.sigma):.2f}°, "
+                f"odometry alone {np.degrees(self.sigma_odometry):.2f}°"
+            )
+        angle = np.degrees(np.arctan2(self.direction[1], self.direction[0])) % 180.0
+        return (
+            f"the position along {angle:.0f}° (floor frame) is not observed: "
+            f"sigma {1e3 * self.sigma:.0f} mm, odometry alone {1e3 * self.sigma_odometry:.0f} mm"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """Path, map and matches of one method, with their covariances. Frozen; floor frame; SI.
+
+    Attributes:
+        method: "odometry", "ekf", "smoother", ...
+        causal: whether the pose at time t uses only data up to t.
+        t: (N,) times of the nodes, s.
+        pose: (N, 3) poses, m and rad, theta in (-pi, pi].
+        cov_floor: (N, 3, 3) covariances of the poses, floor frame.
+        map: estimated landmarks, canonical.
+        cov_joint: (3 + L, 3 + L) covariance of the last pose and all landmark parameters in the
+            order of `map` (see `LandmarkMap.offsets`), floor frame.
+        match: (K,) row in `map` of each sighting's landmark, over all tables in order; -1 rejected
+            or a sighting without a landmark.
+        used: (K,) whether the estimate uses the sighting.
+        nis: (K,) squared normalised innovation (filter: prediction; smoother: residual over the
+            sighting's own noise); NaN where not used, or where it started a landmark.
+        weight: (K,) robust weight of each used sighting; 1 where the method is not robust.
+        cost: half the sum of squared normalised residuals at the solution; NaN for methods
+            without one.
+        iterations: of the optimiser; 0 for recursive methods.
+        converged: whether the optimiser met its tolerance.
+        unobserved: directions that the data does not fix.
+        counts: what happened to sightings (rejected by reason, times lost, ...), by name.
+    """
+
+    method: str
+    causal: bool
+    t: Array
+    pose: Array
+    cov_floor: Array
+    map: LandmarkMap
+    cov_joint: Array
+    match: IntArray
+    used: AnyArray
+    nis: Array
+    weight: Array
+    cost: float = float("nan")
+    iterations: int = 0
+    converged: bool = True
+    unobserved: tuple[Unobserved, ...] = ()
+    counts: Mapping[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        nodes, size, sightings = len(self.t), int(self.map.offsets()[-1]), len(self.match)
+        shapes: dict[str, tuple[tuple[int, ...], type, bool]] = {
+            "t": ((nodes,), float, False),
+            "pose": ((nodes, 3), float, False),
+            "cov_floor": ((nodes, 3, 3), float, False),
+            "cov_joint": ((size, size), float, False),
+            "match": ((sightings,), int, False),
+            "used": ((sightings,), bool, False),
+            "nis": ((sightings,), float, True),
+            "weight": ((sightings,), float, True),
+        }
+        for name, (shape, dtype, nan) in shapes.items():
+            value = frozen(f"{self.method}.{name}", getattr(self, name), shape, dtype, nan)
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "counts", MappingProxyType(dict(self.counts)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        values = [getattr(self, f.name) for f in fields(self)]
+        return Estimate, tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
+
+    def landmark_cov(self, landmark: int) -> Array:
+        """Returns the covariance (l, l) of one landmark's parameters, floor frame."""
+        first, last = self.map.offsets()[landmark : landmark + 2]
+        return self.cov_joint[first:last, first:last]
+
+    def save(self, path: Path | str) -> None:
+        """Writes an .npz without pickle; equal estimates give equal bytes."""
+        header = {
+            "format": ESTIMATE_FORMAT,
+            "method": self.method,
+            "causal": self.causal,
+            "cost": self.cost,
+            "iterations": self.iterations,
+            "converged": self.converged,
+            "counts": dict(self.counts),
+            "kinds": list(self.map.kind),
+            "unobserved": [
+                [u.quantity, list(u.direction), u.sigma, u.sigma_odometry] for u in self.unobserved
+            ],
+        }
+        arrays: dict[str, AnyArray] = {
+            "header": np.frombuffer(json.dumps(header).encode(), np.uint8)
+        }
+        for name in ("t", "pose", "cov_floor", "cov_joint", "match", "used", "nis", "weight"):
+            arrays[name] = getattr(self, name)
+        for name in ("id", "params", "extent", "sightings"):
+            arrays[f"map.{name}"] = getattr(self.map, name)
+        save_arrays(path, arrays)
+
+    @staticmethod
+    def load(path: Path | str) -> Estimate:
+        """Returns an estimate written by `save`.
+
+        Raises:
+            BadMeasurements: the file is not one, or its content contradicts the contract.
+        """
+        arrays = load_arrays(path)
+        try:
+            header = json.loads(arrays.pop("header").tobytes())
+            if header.pop("format") != ESTIMATE_FORMAT:
+                raise BadMeasurements(f"{path}: not an estimate of this version")
+            unobserved = tuple(Unobserved(q, (d[0], d[1]), *s) for q, d, *s in header["unobserved"])
+            landmarks = LandmarkMap(
+                kind=tuple(header.pop("kinds")),
+                **{k[4:]: arrays.pop(k) for k in list(arrays) if k.startswith("map.")},
+            )
+            header["unobserved"] = unobserved
+            columns: dict[str, Any] = {**arrays, **header}
+            return Estimate(map=landmarks, **columns)
+        except (KeyError, TypeError, ValueError) as error:
+            raise BadMeasurements(f"{path}: not an estimate file ({error!r})") from error

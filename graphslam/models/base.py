@@ -1,0 +1,69 @@
+"""What every sensor model provides."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from graphslam.geometry import Array
+
+
+class Model(Protocol):
+    """A sensor: what a sighting of a landmark from a pose should read, and what it would start.
+
+    Residuals are *prediction - measurement*; Jacobians are with respect to additive changes of the
+    floor-frame pose ``(x, y, theta)`` and of the landmark's parameters. Twins, angles modulo pi and
+    wrapping are settled inside; callers see small vectors.
+
+    Attributes:
+        kind: name of the table of sightings, for example ``"line"``.
+        dim_z: length d of a sighting.
+        dim_landmark: length l of a landmark's parameters; 0 for sensors without landmarks.
+        angular: for each entry of the residual, whether it is an angle (rad) or a length (m).
+    """
+
+    @property
+    def kind(self) -> str: ...
+    @property
+    def dim_z(self) -> int: ...
+    @property
+    def dim_landmark(self) -> int: ...
+    @property
+    def angular(self) -> tuple[bool, ...]: ...
+
+    def residual(self, pose: Array, landmark: Array, z: Array) -> tuple[Array, Array, Array]:
+        """Returns ``e`` (..., d), ``J_e_pose`` (..., d, 3) and ``J_e_landmark`` (..., d, l).
+
+        Args:
+            pose: (..., 3) floor frame.
+            landmark: (..., l) floor frame; (..., 0) where the sensor has none.
+            z: (..., d) sightings in the sensor's frame.
+        """
+        ...
+
+    def initialise(self, pose: Array, z: Array, cov: Array) -> tuple[Array, Array, Array] | None:
+        """Returns a new landmark (l,), ``J_pose`` (l, 3) and ``J_z`` (l, d), or None: not yet.
+
+        Args:
+            pose: (3,) floor frame.
+            z: (d,) the sighting.
+            cov: (d, d) its covariance.
+        """
+        ...
+
+    def canonical(self, landmark: Array, extent: Array) -> tuple[Array, Array, Array]:
+        """Returns landmarks (M, l) and extents (M, 2) by their one printed name, and J (M, l, l).
+
+        ``J`` is the Jacobian of the canonical parameters with respect to the given ones.
+        """
+        ...
+
+    def extent_on_landmark(self, pose: Array, landmark: Array, z: Array, extent: Array) -> Array:
+        """Returns the stretches (K, 2) of landmarks (K, l) that sightings saw, NaN where unknown.
+
+        Args:
+            pose: (K, 3) floor frame.
+            landmark: (K, l) floor frame.
+            z: (K, d) sightings.
+            extent: (K, 2) stretch seen, in the sighting's own coordinate, m.
+        """
+        ...

@@ -59,7 +59,7 @@ def inverse(a: Array) -> Array:
 
 
 def between(a: Array, b: Array) -> Array:
-    """Returns the pose (..., 3) of ``b`` in the frame of ``a``: ``inverse(a)`` composed with ``b``."""
+    """Returns the pose (..., 3) of ``b`` in the frame of ``a``: ``inverse(a)`` then ``b``."""
     return compose(inverse(a), b)
 
 
@@ -172,7 +172,7 @@ def points_on_line(line: Array, s: Array) -> Array:
 
 
 def position_along(line: Array, points: Array) -> Array:
-    """Returns ``s = -x sin(alpha) + y cos(alpha)`` (...) of points (..., 2) along lines (..., 2)."""
+    """Returns ``s = -x sin(alpha) + y cos(alpha)`` (...) of points (..., 2) on lines (..., 2)."""
     alpha = np.asarray(line)[..., 1]
     points = np.asarray(points)
     return np.asarray(-points[..., 0] * np.sin(alpha) + points[..., 1] * np.cos(alpha))
@@ -197,3 +197,10 @@ def offset_error(d_line: Array, s: Array) -> Array:
     """
     d_line = np.asarray(d_line)
     return np.asarray(d_line[..., 0] - s * d_line[..., 1])
+
+
+def distance_from_line(line: Array, points: Array) -> Array:
+    """Returns ``x cos(alpha) + y sin(alpha) - rho`` (...) of points (..., 2), signed, metres."""
+    line, points = np.asarray(line), np.asarray(points)
+    c, s = np.cos(line[..., 1]), np.sin(line[..., 1])
+    return np.asarray(points[..., 0] * c + points[..., 1] * s - line[..., 0])

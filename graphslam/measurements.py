@@ -133,8 +133,7 @@ class LandmarkMap:
         count = len(self.id)
         _set(self, "id", frozen("map.id", self.id, (count,), int))
         _set(self, "kind", tuple(str(k) for k in self.kind))
-        params = np.asarray(self.params, float).reshape(count, -1)
-        _set(self, "params", frozen("map.params", params, (count, None), float, True))
+        _set(self, "params", frozen("map.params", self.params, (count, None), float, True))
         _set(self, "extent", frozen("map.extent", self.extent, (count, 2), float, True))
         _set(self, "sightings", frozen("map.sightings", self.sightings, (count,), int))
         if len(self.kind) != count:

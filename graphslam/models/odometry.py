@@ -295,3 +295,30 @@ def odometry_residual(pose_i, pose_j, increment, e, J_e_i, J_e_j):  # type: igno
     J_e_i[0, 0], J_e_i[0, 1], J_e_i[0, 2] = -c, -s, y
     J_e_i[1, 0], J_e_i[1, 1], J_e_i[1, 2] = s, -c, -x
     J_e_i[2, 2] = -1.0
+
+
+def transition(
+    pose_i: Array, pose_j: Array, increment: Array, cov: Array
+) -> tuple[Array, Array, Array]:
+    """Returns the linear motion model at two given poses: ``F``, ``Q`` and the offset.
+
+    With deviations ``d`` from the given poses, ``d_j = F d_i + offset + noise``, noise of
+    covariance ``Q``. It is the linearised `odometry_residual` solved for pose j, so that whoever
+    predicts with it and whoever smooths with the residual use one and the same line.
+
+    Args:
+        pose_i: (..., 3) floor frame.
+        pose_j: (..., 3) floor frame; where it is ``compose(pose_i, increment)`` the offset is 0.
+        increment: (..., 3) measured motion, frame of node i.
+        cov: (..., 3, 3) its covariance, frame of node i.
+
+    Returns:
+        ``F`` (..., 3, 3), ``Q`` (..., 3, 3) and offset (..., 3), all in the floor frame.
+
+    Source: SantanaSLAM eqs. (2), (15).
+    """
+    e, J_e_i, J_e_j = odometry_residual(pose_i, pose_j, increment)
+    inverse = np.linalg.inv(J_e_j)
+    F = -inverse @ J_e_i
+    Q = inverse @ cov @ np.swapaxes(inverse, -1, -2)
+    return F, Q, -(inverse @ e[..., None])[..., 0]

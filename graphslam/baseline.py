@@ -1,0 +1,55 @@
+"""Odometry alone: the baseline of every comparison."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from graphslam.estimate import Estimate
+from graphslam.geometry import Array, rotation, wrap
+from graphslam.information import unobserved_directions
+from graphslam.landmarks import empty_map
+from graphslam.measurements import Measurements
+from graphslam.models.odometry import transition
+
+
+def integrate(start: Array, increment: Array) -> Array:
+    """Returns the poses (N, 3) that increments (N-1, 3) lead to from ``start`` (3,)."""
+    theta = start[2] + np.concatenate([[0.0], np.cumsum(increment[:, 2])])
+    steps = (rotation(theta[:-1]) @ increment[:, :2, None])[..., 0]
+    position = start[:2] + np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    return np.column_stack([position, wrap(theta)])
+
+
+def propagate(measurements: Measurements) -> tuple[Array, Array]:
+    """Returns dead-reckoned poses (N, 3) and their covariances (N, 3, 3), floor frame.
+
+    Source: SantanaSLAM eq. (2).
+    """
+    odometry = measurements.odometry
+    pose = integrate(measurements.start_pose, odometry.increment)
+    F, Q, _ = transition(pose[:-1], pose[1:], odometry.increment, odometry.cov)
+    cov = np.empty((len(pose), 3, 3))
+    cov[0] = measurements.start_cov
+    for i in range(len(F)):
+        cov[i + 1] = F[i] @ cov[i] @ F[i].T + Q[i]
+    return pose, 0.5 * (cov + np.swapaxes(cov, 1, 2))
+
+
+def dead_reckoning(measurements: Measurements) -> Estimate:
+    """Returns the path by odometry alone, with its covariance and no map."""
+    pose, cov = propagate(measurements)
+    count = measurements.sighting_count
+    return Estimate(
+        method="odometry",
+        causal=True,
+        t=measurements.t,
+        pose=pose,
+        cov_floor=cov,
+        map=empty_map(),
+        cov_joint=cov[-1],
+        match=np.full(count, -1),
+        used=np.zeros(count, bool),
+        nis=np.full(count, np.nan),
+        weight=np.ones(count),
+        unobserved=unobserved_directions(np.zeros((2, 2)), cov[-1], cov[-1]),
+    )

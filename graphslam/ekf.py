@@ -1,0 +1,334 @@
+"""EKF-SLAM: the pose and a growing map of landmarks, updated node by node (SantanaSLAM)."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import scipy.linalg
+
+from graphslam.association import DROPPED, NEW, mahalanobis, match
+from graphslam.config import EkfConfig
+from graphslam.baseline import propagate
+from graphslam.errors import BadMeasurements
+from graphslam.estimate import Estimate
+from graphslam.geometry import Array, compose, wrap
+from graphslam.information import position_information, unobserved_directions
+from graphslam.landmarks import finish_map, padded
+from graphslam.measurements import IntArray, Measurements, Sightings
+from graphslam.models import MODELS, Model
+from graphslam.models.odometry import transition
+
+LOST_INFLATION = 2.0
+"""Factor on the pose's standard deviations when the filter says that it is lost."""
+
+
+def run_ekf(
+    measurements: Measurements,
+    config: EkfConfig | None = None,
+    linearise_at: Estimate | None = None,
+) -> Estimate:
+    """Returns the path as each pose was known at its time, and the map at the end.
+
+    Args:
+        measurements: nodes, odometry, sightings.
+        config: matching and what to do when lost.
+        linearise_at: where given, every model is linearised at this path and map, and its matches
+            are used: the filter is then exactly linear and agrees with a smoother linearised at
+            the same point.
+
+    Raises:
+        BadMeasurements: ``linearise_at`` does not belong to these measurements.
+    """
+    return _Filter(measurements, config or EkfConfig(), linearise_at).run()
+
+
+class _Filter:
+    """The filter's state while it runs.
+
+    ``mean`` is the pose and all landmark parameters, ``P`` its covariance, floor frame. Both live
+    in buffers that double, so that growing costs nothing on average.
+    """
+
+    def __init__(self, measurements: Measurements, config: EkfConfig, at: Estimate | None) -> None:
+        if at is not None and (
+            len(at.t) != len(measurements.t) or len(at.match) != measurements.sighting_count
+        ):
+            raise BadMeasurements("linearise_at is an estimate from other measurements")
+        self.measurements, self.config, self.at = measurements, config, at
+        self.size = 3
+        self._mean = np.zeros(64)
+        self._P = np.zeros((64, 64))
+        self.mean[:], self.P[:] = measurements.start_pose, measurements.start_cov
+        self.kinds: list[str] = []
+        self.offsets: list[int] = []
+        self.identity: list[int] = []
+        self.row_in_given: list[int] = []  # with ``at``: which of its landmarks each of ours is
+        count = measurements.sighting_count
+        self.match = np.full(count, -1)
+        self.used = np.zeros(count, bool)
+        self.nis = np.full(count, np.nan)
+        self.counts: Counter[str] = Counter()
+        self.rejected_in_a_row = 0
+
+    @property
+    def mean(self) -> Array:
+        return self._mean[: self.size]
+
+    @property
+    def P(self) -> Array:
+        return self._P[: self.size, : self.size]
+
+    def run(self) -> Estimate:
+        measurements = self.measurements
+        nodes = len(measurements.t)
+        pose, cov = np.empty((nodes, 3)), np.empty((nodes, 3, 3))
+        starts = {kind: t.starts(nodes) for kind, t in measurements.sightings.items()}
+        for node in range(nodes):
+            if node > 0:
+                self.predict(node - 1)
+            seen = used = 0
+            for first, table in measurements.tables():
+                rows = np.arange(*starts[table.kind][node : node + 2])
+                if len(rows):
+                    self.take_sightings(node, table, rows, first)
+                    seen, used = seen + len(rows), used + int(self.used[first + rows].sum())
+            self.notice_being_lost(seen, used)
+            pose[node], cov[node] = self.mean[:3], self.P[:3, :3]
+        return self.finish(pose, cov)
+
+    # ---- prediction ------------------------------------------------------------------------
+
+    def predict(self, i: int) -> None:
+        """Moves the state from node i to i + 1. Source: SantanaSLAM eq. (2)."""
+        odometry = self.measurements.odometry
+        increment = odometry.increment[i]
+        if self.at is None:
+            here, there = self.mean[:3].copy(), compose(self.mean[:3], increment)
+        else:
+            here, there = self.at.pose[i], self.at.pose[i + 1]
+        F, Q, offset = transition(here, there, increment, odometry.cov[i])
+        self.mean[:3] = there + F @ _pose_difference(self.mean[:3], here) + offset
+        self.mean[2] = wrap(self.mean[2])
+        P = self.P
+        P[:3, 3:] = F @ P[:3, 3:]
+        P[3:, :3] = P[:3, 3:].T
+        P[:3, :3] = F @ P[:3, :3] @ F.T + Q
+
+    # ---- sightings -------------------------------------------------------------------------
+
+    def take_sightings(self, node: int, table: Sightings, rows: IntArray, first: int) -> None:
+        """Matches one node's sightings of one kind, updates, and starts new landmarks."""
+        model = MODELS[table.kind]
+        if not model.dim_landmark:
+            self.update(node, model, table, rows, np.full(len(rows), -1), first)
+            return
+        found = self.find(node, model, table, rows, first)
+        matched = found >= 0
+        self.update(node, model, table, rows[matched], found[matched], first)
+        for row in rows[found == NEW]:
+            self.take_new(node, model, table, row, first)
+        self.counts["sighting between the gates"] += int(np.sum(found == DROPPED))
+
+    def take_new(self, node: int, model: Model, table: Sightings, row: int, first: int) -> None:
+        """Starts a landmark, unless one that this node has just started explains the sighting."""
+        one = np.array([row])
+        found = self.find(node, model, table, one, first)
+        if found[0] == NEW:
+            if not self.start_landmark(node, model, table, row, first):
+                self.counts["sighting that could not start a landmark yet"] += 1
+        elif found[0] >= 0 and (self.at or self.config.matching.method == "known"):
+            self.update(node, model, table, one, found, first)
+        else:
+            self.counts["second sighting of a new landmark in one node"] += 1
+
+    def find(
+        self, node: int, model: Model, table: Sightings, rows: IntArray, first: int
+    ) -> IntArray:
+        """Returns the landmark (k,) of each sighting, `NEW` or `DROPPED`."""
+        if self.at is not None:
+            given = self.at.match[first + rows]
+            known = {g: ours for ours, g in enumerate(self.row_in_given)}
+            return np.array([known.get(int(g), NEW) if g >= 0 else DROPPED for g in given])
+        landmarks = np.flatnonzero([kind == table.kind for kind in self.kinds])
+        if not len(landmarks) and self.config.matching.method != "known":
+            return np.full(len(rows), NEW)
+        e, S = self.innovations(model, table, rows, landmarks)
+        identity = np.array([self.identity[m] for m in landmarks], dtype=np.int64)
+        found = match(e, S, table.truth[rows], identity, model.angular, self.config.matching)
+        matched = found >= 0
+        found[matched] = landmarks[found[matched]]
+        return found
+
+    def innovations(
+        self, model: Model, table: Sightings, rows: IntArray, landmarks: IntArray
+    ) -> tuple[Array, Array]:
+        """Returns residuals (k, M, d) and their covariances (k, M, d, d) for all pairs."""
+        columns = self.columns(model, landmarks)
+        e, J_p, J_l = model.residual(self.mean[:3], self.mean[columns], table.z[rows, None])
+        P_pl = self.P[:3][:, columns].transpose(1, 0, 2)  # (M, 3, l)
+        P_ll = self.P[columns[:, :, None], columns[:, None, :]]  # (M, l, l)
+        cross = J_p @ P_pl @ np.swapaxes(J_l, -1, -2)
+        S = J_p @ self.P[:3, :3] @ np.swapaxes(J_p, -1, -2) + J_l @ P_ll @ np.swapaxes(J_l, -1, -2)
+        return e, S + cross + np.swapaxes(cross, -1, -2) + table.cov[rows, None]
+
+    def columns(self, model: Model, landmarks: IntArray) -> IntArray:
+        """Returns the places (M, l) of landmarks' parameters in the state."""
+        offsets = np.array([self.offsets[m] for m in landmarks], dtype=np.int64)
+        return offsets[:, None] + np.arange(model.dim_landmark)
+
+    def linearisation(self, node: int, model: Model, landmarks: IntArray) -> tuple[Array, Array]:
+        """Returns the pose (3,) and landmarks (k, l) at which to linearise."""
+        if self.at is None:
+            return self.mean[:3].copy(), self.mean[self.columns(model, landmarks)]
+        given = np.array([self.row_in_given[m] for m in landmarks], dtype=np.int64)
+        return self.at.pose[node], self.at.map.params[given, : model.dim_landmark]
+
+    def update(
+        self,
+        node: int,
+        model: Model,
+        table: Sightings,
+        rows: IntArray,
+        landmarks: IntArray,
+        first: int,
+    ) -> None:
+        """Updates the state with matched sightings of one node in one step.
+
+        Source: SantanaSLAM eq. (3), with H at the predicted mean (eq. (6) prints the last mean).
+        """
+        if not len(rows):
+            return
+        d, count = model.dim_z, len(rows)
+        with_map = model.dim_landmark > 0
+        columns = self.columns(model, landmarks) if with_map else np.zeros((count, 0), int)
+        if with_map:
+            pose, params = self.linearisation(node, model, landmarks)
+        else:
+            pose = self.mean[:3].copy() if self.at is None else self.at.pose[node]
+            params = np.zeros((count, 0))
+        e, J_p, J_l = model.residual(pose, params, table.z[rows])
+        innovation = -e - J_p @ _pose_difference(self.mean[:3], pose)
+        if with_map:
+            innovation -= (J_l @ (self.mean[columns] - params)[..., None])[..., 0]
+        PHt = np.einsum("nj,kij->nki", self.P[:, :3], J_p)
+        PHt += np.einsum("nkj,kij->nki", self.P[:, columns], J_l)
+        HPHt = np.einsum("kij,jlm->kilm", J_p, PHt[:3])
+        HPHt += np.einsum("kij,kjlm->kilm", J_l, PHt[columns])
+        S = HPHt.reshape(count * d, count * d)
+        blocks = np.arange(count)
+        S.reshape(count, d, count, d)[blocks, :, blocks, :] += table.cov[rows]
+        L = np.linalg.cholesky(0.5 * (S + S.T))
+        W = scipy.linalg.solve_triangular(L, PHt.reshape(self.size, -1).T, lower=True)
+        y = scipy.linalg.solve_triangular(L, innovation.ravel(), lower=True)
+        own = (L @ L.T).reshape(count, d, count, d)[blocks, :, blocks, :]
+        self.mean[:] += W.T @ y
+        self.mean[2] = wrap(self.mean[2])
+        self.P[:] -= W.T @ W
+        self.match[first + rows] = landmarks
+        self.used[first + rows] = True
+        self.nis[first + rows] = mahalanobis(innovation, own)
+
+    def start_landmark(
+        self, node: int, model: Model, table: Sightings, row: int, first: int
+    ) -> bool:
+        """Adds a landmark with its full covariance, cross terms included; False if not yet.
+
+        Source: SantanaSLAM section 3.3; the covariance follows from pose and sighting through the
+        Jacobians, P_ll = J_pose P J_pose' + J_z R J_z'.
+        """
+        z, cov = table.z[row], table.cov[row]
+        if self.at is None:
+            started = model.initialise(self.mean[:3], z, cov)
+            if started is None:
+                return False
+            landmark, J_pose, J_z = started
+        else:
+            given = int(self.at.match[first + row])
+            landmark, J_pose, J_z = self.start_at(node, model, z, given)
+            self.row_in_given.append(given)
+        dim, old = model.dim_landmark, self.size
+        self.grow(old + dim)
+        self.mean[old:] = landmark
+        cross = J_pose @ self.P[:3, :old]
+        self.P[old:, :old], self.P[:old, old:] = cross, cross.T
+        self.P[old:, old:] = J_pose @ self.P[:3, :3] @ J_pose.T + J_z @ cov @ J_z.T
+        self.match[first + row] = len(self.kinds)
+        self.used[first + row] = True
+        self.kinds.append(table.kind)
+        self.offsets.append(old)
+        self.identity.append(int(table.truth[row]))
+        return True
+
+    def start_at(self, node: int, model: Model, z: Array, given: int) -> tuple[Array, Array, Array]:
+        """Returns a new landmark by solving the residual linearised at the given point."""
+        assert self.at is not None
+        if model.dim_landmark != model.dim_z:
+            raise BadMeasurements(
+                f"linearise_at: one {model.kind} sighting does not fix a landmark"
+            )
+        pose, params = self.at.pose[node], self.at.map.params[given, : model.dim_landmark]
+        e, J_p, J_l = model.residual(pose, params, z)
+        inverse = np.asarray(np.linalg.inv(J_l), dtype=np.float64)
+        J_pose = -inverse @ J_p
+        return (
+            params - inverse @ e + J_pose @ _pose_difference(self.mean[:3], pose),
+            J_pose,
+            inverse,
+        )
+
+    def grow(self, size: int) -> None:
+        """Makes room for ``size`` state entries; what is there stays."""
+        if size > len(self._mean):
+            room = max(size, 2 * len(self._mean))
+            mean, P = np.zeros(room), np.zeros((room, room))
+            mean[: self.size], P[: self.size, : self.size] = self.mean, self.P
+            self._mean, self._P = mean, P
+        self.size = size
+
+    def notice_being_lost(self, seen: int, used: int) -> None:
+        """Doubles the pose's standard deviations after too many nodes with nothing accepted."""
+        if seen:
+            self.rejected_in_a_row = 0 if used else self.rejected_in_a_row + 1
+        patience = self.config.lost_after if self.at is None else 0
+        if patience and self.rejected_in_a_row >= patience:
+            self.counts["lost: every sighting rejected for several nodes"] += 1
+            self.rejected_in_a_row = 0
+            self.P[:3] *= LOST_INFLATION
+            self.P[:, :3] *= LOST_INFLATION
+
+    # ---- result ----------------------------------------------------------------------------
+
+    def finish(self, pose: Array, cov: Array) -> Estimate:
+        """Returns the state as an estimate; landmarks get their one name only here."""
+        m = self.measurements
+        dims = [MODELS[kind].dim_landmark for kind in self.kinds]
+        params = padded(
+            [self.mean[o : o + d].copy() for o, d in zip(self.offsets, dims, strict=True)]
+        )
+        joint = 0.5 * (self.P + self.P.T)
+        landmarks, joint = finish_map(m, pose, self.kinds, params, self.match, joint)
+        information = position_information(m, pose, landmarks, self.match)
+        _, cov_odometry = propagate(m)
+        return Estimate(
+            method="ekf",
+            causal=True,
+            t=m.t,
+            pose=pose,
+            cov_floor=0.5 * (cov + np.swapaxes(cov, 1, 2)),
+            map=landmarks,
+            cov_joint=joint,
+            match=self.match,
+            used=self.used,
+            nis=self.nis,
+            weight=np.ones(len(self.match)),
+            unobserved=unobserved_directions(information, joint[:3, :3], cov_odometry[-1]),
+            counts={reason: n for reason, n in sorted(self.counts.items()) if n},
+        )
+
+
+def _pose_difference(a: Array, b: Array) -> Array:
+    """Returns ``a - b`` of floor-frame poses with the angle wrapped."""
+    d = a - b
+    d[..., 2] = wrap(d[..., 2])
+    return np.asarray(d)

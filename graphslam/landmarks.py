@@ -1,0 +1,77 @@
+"""From the variables of an estimator to the map that is returned: extents, counts, one name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from graphslam.geometry import Array
+from graphslam.measurements import IntArray, LandmarkMap, Measurements
+from graphslam.models import MODELS
+
+
+def empty_map() -> LandmarkMap:
+    """Returns a map without landmarks."""
+    none = np.zeros(0, np.int64)
+    return LandmarkMap(none, (), padded([]), np.zeros((0, 2)), none)
+
+
+def padded(params: Sequence[Array]) -> Array:
+    """Returns landmark parameters of any lengths as one array (M, l), padded with NaN."""
+    width = max((len(p) for p in params), default=2)
+    out = np.full((len(params), width), np.nan)
+    for row, p in zip(out, params, strict=True):
+        row[: len(p)] = p
+    return out
+
+
+def finish_map(
+    measurements: Measurements,
+    pose: Array,
+    kinds: Sequence[str],
+    params: Array,
+    match: IntArray,
+    cov_joint: Array,
+) -> tuple[LandmarkMap, Array]:
+    """Returns the canonical map with extents and counts, and the covariance that belongs to it.
+
+    Args:
+        measurements: the sightings behind the map.
+        pose: (N, 3) path from which the sightings' stretches are laid on the landmarks.
+        kinds: (M,) kind of each landmark.
+        params: (M, l) estimated parameters, padded with NaN, not yet canonical.
+        match: (K,) landmark of each sighting, -1 where it has none.
+        cov_joint: (3 + L, 3 + L) covariance of last pose and ``params``, floor frame.
+    """
+    count = len(kinds)
+    extent = np.full((count, 2), np.nan)
+    for first, table in measurements.tables():
+        model = MODELS[table.kind]
+        rows = match[first : first + len(table)]
+        seen = rows >= 0
+        if not seen.any():
+            continue
+        landmark = params[rows[seen], : model.dim_landmark]
+        where = pose[table.node[seen]]
+        stretch = model.extent_on_landmark(where, landmark, table.z[seen], table.extent[seen])
+        np.fmin.at(extent[:, 0], rows[seen], stretch[:, 0])
+        np.fmax.at(extent[:, 1], rows[seen], stretch[:, 1])
+    sightings = np.bincount(match[match >= 0], minlength=count)
+    draft = LandmarkMap(np.arange(count), tuple(kinds), params, extent, sightings)
+    return _canonical(draft, cov_joint)
+
+
+def _canonical(draft: LandmarkMap, cov_joint: Array) -> tuple[LandmarkMap, Array]:
+    params, extent = draft.params.copy(), draft.extent.copy()
+    offsets = draft.offsets()
+    J = np.eye(len(cov_joint))
+    for kind in sorted(set(draft.kind)):
+        rows, values = draft.of_kind(kind)
+        values, extent[rows], blocks = MODELS[kind].canonical(values, draft.extent[rows])
+        params[rows, : values.shape[1]] = values
+        for row, block in zip(rows, blocks, strict=True):
+            at = slice(offsets[row], offsets[row + 1])
+            J[at, at] = block
+    named = LandmarkMap(draft.id, draft.kind, params, extent, draft.sightings)
+    return named, J @ cov_joint @ J.T

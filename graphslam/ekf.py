@@ -8,8 +8,8 @@ import numpy as np
 import scipy.linalg
 
 from graphslam.association import DROPPED, NEW, mahalanobis, match
-from graphslam.config import EkfConfig
 from graphslam.baseline import propagate
+from graphslam.config import EkfConfig
 from graphslam.errors import BadMeasurements
 from graphslam.estimate import Estimate
 from graphslam.geometry import Array, compose, wrap

@@ -25,7 +25,7 @@ TAU = 2.0 * math.pi
 def wrap(angle):  # type: ignore[no-untyped-def]
     """Returns ``angle`` in (-pi, pi], elementwise; usable from compiled code too."""
     wrapped = angle - TAU * math.ceil((angle - math.pi) / TAU)
-    if wrapped <= -math.pi:  # rounding just above an odd multiple of pi
+    if not -math.pi < wrapped <= math.pi:  # rounding next to an odd multiple of pi
         wrapped = math.pi
     return wrapped
 

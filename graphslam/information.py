@@ -9,8 +9,8 @@ import scipy.linalg
 
 from graphslam.estimate import Unobserved
 from graphslam.geometry import Array
+from graphslam.landmarks import used_sightings
 from graphslam.measurements import IntArray, LandmarkMap, Measurements
-from graphslam.models import MODELS
 
 UNOBSERVED_RATIO = 0.9
 """A direction whose posterior sigma is above this part of odometry's own is not observed."""
@@ -30,18 +30,11 @@ def position_information(
         match: (K,) landmark of each sighting, -1 where it is not used.
     """
     total = np.zeros((2, 2))
-    for first, table in measurements.tables():
-        model = MODELS[table.kind]
-        rows = match[first : first + len(table)]
-        used = rows >= 0 if model.dim_landmark else np.ones(len(table), bool)
-        if not used.any():
-            continue
-        params = landmarks.params[rows[used], : model.dim_landmark]
-        if not model.dim_landmark:
-            params = np.zeros((int(used.sum()), 0))
-        _, J, _ = model.residual(pose[table.node[used]], params, table.z[used])
+    for used in used_sightings(measurements, match, landmarks.params):
+        table, rows = used.table, used.rows
+        _, J, _ = used.model.residual(pose[table.node[rows]], used.params, table.z[rows])
         J = J[:, :, :2]
-        total += np.einsum("kai,kab,kbj->ij", J, np.linalg.inv(table.cov[used]), J)
+        total += np.einsum("kai,kab,kbj->ij", J, np.linalg.inv(table.cov[rows]), J)
     return total
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from graphslam.geometry import Array
-from graphslam.measurements import IntArray, LandmarkMap, Measurements
-from graphslam.models import MODELS
+from graphslam.measurements import IntArray, LandmarkMap, Measurements, Sightings
+from graphslam.models import MODELS, Model
 
 
 def empty_map() -> LandmarkMap:
@@ -24,6 +25,46 @@ def padded(params: Sequence[Array]) -> Array:
     for row, p in zip(out, params, strict=True):
         row[: len(p)] = p
     return out
+
+
+@dataclass(frozen=True, slots=True)
+class Used:
+    """The sightings of one kind that an estimate uses, with their landmarks.
+
+    Attributes:
+        model: of the kind.
+        table: all sightings of the kind.
+        rows: (k,) rows of ``table`` that are used.
+        index: (k,) the same, counted over all tables in order.
+        landmark: (k,) row of each one's landmark in the map, -1 for kinds without landmarks.
+        params: (k, l) parameters of those landmarks; l = 0 for kinds without landmarks.
+    """
+
+    model: Model
+    table: Sightings
+    rows: IntArray
+    index: IntArray
+    landmark: IntArray
+    params: Array
+
+
+def used_sightings(measurements: Measurements, match: IntArray, params: Array) -> Iterator[Used]:
+    """Yields per kind the sightings that count: those with a match, and all that need none.
+
+    Args:
+        measurements: the tables of sightings.
+        match: (K,) landmark of each sighting over all tables in order, -1 where it has none.
+        params: (M, l) landmark parameters, padded with NaN.
+    """
+    for first, table in measurements.tables():
+        model = MODELS[table.kind]
+        landmark = match[first : first + len(table)]
+        rows = np.flatnonzero(landmark >= 0) if model.dim_landmark else np.arange(len(table))
+        own = np.zeros((len(rows), 0))
+        if model.dim_landmark:
+            own = params[landmark[rows], : model.dim_landmark]
+        if len(rows):
+            yield Used(model, table, rows, first + rows, landmark[rows], own)
 
 
 def finish_map(
@@ -46,17 +87,14 @@ def finish_map(
     """
     count = len(kinds)
     extent = np.full((count, 2), np.nan)
-    for first, table in measurements.tables():
-        model = MODELS[table.kind]
-        rows = match[first : first + len(table)]
-        seen = rows >= 0
-        if not seen.any():
-            continue
-        landmark = params[rows[seen], : model.dim_landmark]
-        where = pose[table.node[seen]]
-        stretch = model.extent_on_landmark(where, landmark, table.z[seen], table.extent[seen])
-        np.fmin.at(extent[:, 0], rows[seen], stretch[:, 0])
-        np.fmax.at(extent[:, 1], rows[seen], stretch[:, 1])
+    for used in used_sightings(measurements, match, params):
+        if used.model.dim_landmark:
+            table, rows = used.table, used.rows
+            stretch = used.model.extent_on_landmark(
+                pose[table.node[rows]], used.params, table.z[rows], table.extent[rows]
+            )
+            np.fmin.at(extent[:, 0], used.landmark, stretch[:, 0])
+            np.fmax.at(extent[:, 1], used.landmark, stretch[:, 1])
     sightings = np.bincount(match[match >= 0], minlength=count)
     draft = LandmarkMap(np.arange(count), tuple(kinds), params, extent, sightings)
     return _canonical(draft, cov_joint)

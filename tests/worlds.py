@@ -9,8 +9,8 @@ from graphslam.geometry import line_to_robot
 from graphslam.measurements import Measurements, Odometry, Sightings
 
 GRID = np.array(
-    [[0.4, 0.0], [1.5, 0.0], [2.7, 0.0], [4.1, 0.0]]
-    + [[0.3, np.pi / 2], [1.2, np.pi / 2], [2.6, np.pi / 2], [3.9, np.pi / 2]]
+    [(rho, 0.0) for rho in (0.4, 1.5, 2.7, 4.1)]
+    + [(rho, np.pi / 2) for rho in (0.3, 1.2, 2.6, 3.9)]
 )
 START = np.array([0.5, 0.5, 0.1])
 

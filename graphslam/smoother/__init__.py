@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from graphslam.smoother.batch import smooth
 from graphslam.smoother.check import FactorCheck, check_factor
 from graphslam.smoother.factors import (
     landmark_key,
@@ -13,7 +14,6 @@ from graphslam.smoother.factors import (
 )
 from graphslam.smoother.graph import Problem, build_graph
 from graphslam.smoother.optimise import Solution, optimise
-from graphslam.smoother.batch import smooth
 
 __all__ = [
     "FactorCheck",

@@ -6,14 +6,13 @@ import gtsam
 import numpy as np
 
 from graphslam.association import mahalanobis
-from graphslam.config import SmootherConfig
 from graphslam.baseline import propagate
+from graphslam.config import SmootherConfig
 from graphslam.estimate import Estimate
 from graphslam.geometry import Array, rotate_covariance, rotation, wrap
 from graphslam.information import position_information, unobserved_directions
-from graphslam.landmarks import finish_map, padded
-from graphslam.measurements import Measurements
-from graphslam.models import MODELS
+from graphslam.landmarks import finish_map, padded, used_sightings
+from graphslam.measurements import IntArray, Measurements
 from graphslam.smoother.factors import landmark_key, pose_key
 from graphslam.smoother.graph import build_graph
 from graphslam.smoother.optimise import Solution, optimise, solve
@@ -51,7 +50,7 @@ def smooth(
     )
     information = position_information(measurements, pose, landmarks, initial.match)
     _, cov_odometry = propagate(measurements)
-    used = _used(measurements, initial)
+    nis = _fit(measurements, pose, landmarks.params, initial.match)
     return Estimate(
         method="smoother",
         causal=False,
@@ -61,9 +60,9 @@ def smooth(
         map=landmarks,
         cov_joint=joint,
         match=initial.match,
-        used=used,
-        nis=_residual_nis(measurements, pose, landmarks.params, initial),
-        weight=np.ones(len(used)),
+        used=np.isfinite(nis),
+        nis=nis,
+        weight=np.ones(len(nis)),
         cost=solution.cost,
         iterations=solution.iterations,
         converged=solution.converged,
@@ -112,28 +111,11 @@ def _covariances(solution: Solution, theta: Array, landmarks: int) -> tuple[Arra
     return 0.5 * (cov + np.swapaxes(cov, 1, 2)), turn @ joint @ turn.T
 
 
-def _used(measurements: Measurements, initial: Estimate) -> np.ndarray:
-    used = initial.match >= 0
-    for first, table in measurements.tables():
-        if not MODELS[table.kind].dim_landmark:
-            used[first : first + len(table)] = True
-    return used
-
-
-def _residual_nis(
-    measurements: Measurements, pose: Array, params: Array, initial: Estimate
-) -> Array:
+def _fit(measurements: Measurements, pose: Array, params: Array, match: IntArray) -> Array:
     """Returns squared residuals (K,) over the sightings' own covariances; NaN where not used."""
-    nis = np.full(len(initial.match), np.nan)
-    used = _used(measurements, initial)
-    for first, table in measurements.tables():
-        model = MODELS[table.kind]
-        rows = np.flatnonzero(used[first : first + len(table)])
-        which = initial.match[first + rows]
-        landmark = (
-            params[which, : model.dim_landmark] if model.dim_landmark else np.zeros((len(rows), 0))
-        )
-        if len(rows):
-            e, _, _ = model.residual(pose[table.node[rows]], landmark, table.z[rows])
-            nis[first + rows] = mahalanobis(e, table.cov[rows])
+    nis = np.full(len(match), np.nan)
+    for used in used_sightings(measurements, match, params):
+        table, rows = used.table, used.rows
+        e, _, _ = used.model.residual(pose[table.node[rows]], used.params, table.z[rows])
+        nis[used.index] = mahalanobis(e, table.cov[rows])
     return nis

@@ -60,7 +60,7 @@ def _central_difference(
     ends = []
     for signed in (step, -step):
         delta = values.zeroVectors()
-        moved = delta.at(key)
+        moved = np.array(delta.at(key))
         moved[axis] = signed
         delta.update(_one(key, moved))
         ends.append(factor.whitenedError(values.retract(delta)))

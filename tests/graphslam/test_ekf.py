@@ -1,0 +1,157 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from graphslam.baseline import dead_reckoning
+from graphslam.config import EkfConfig, MatchingConfig
+from graphslam.ekf import run_ekf
+from graphslam.errors import BadMeasurements
+from graphslam.geometry import is_canonical, twin, wrap
+from graphslam.measurements import Measurements, Sightings
+from graphslam.models.line import LINE
+from tests.worlds import GRID, drive
+
+
+def pose_fixes(
+    measurements: Measurements, truth: np.ndarray, every: int, sigma: float
+) -> Sightings:
+    node = np.arange(0, len(truth), every)
+    count = len(node)
+    rng = np.random.default_rng(0)
+    return Sightings(
+        "pose_fix",
+        node,
+        truth[node] + sigma * rng.standard_normal((count, 3)),
+        np.broadcast_to(sigma**2 * np.eye(3), (count, 3, 3)),
+        np.full((count, 2), np.nan),
+        measurements.t[node],
+        np.full(count, np.nan),
+        np.full(count, -1),
+        np.full(count, -1),
+    )
+
+
+def test_without_noise_the_filter_returns_the_truth() -> None:
+    measurements, truth = drive(0, noise=0.0)
+    estimate = run_ekf(measurements)
+    np.testing.assert_allclose(estimate.pose[:, :2], truth[:, :2], atol=1e-9)
+    assert np.max(np.abs(wrap(estimate.pose[:, 2] - truth[:, 2]))) < 1e-9
+    order = np.lexsort(np.round(estimate.map.params, 6).T)
+    np.testing.assert_allclose(estimate.map.params[order], GRID, atol=1e-9)
+
+
+def test_every_true_line_becomes_one_landmark_though_half_are_seen_as_twins() -> None:
+    for seed in range(5):
+        estimate = run_ekf(drive(seed, 400)[0])
+        assert len(estimate.map) == len(GRID)
+        assert np.all(estimate.map.params[:, 0] >= 0)
+
+
+def test_naming_sightings_by_their_twins_changes_nothing() -> None:
+    measurements, _ = drive(3, 120)
+    table = measurements.sightings["line"]
+    cov = table.cov.copy()
+    cov[:, 0, 1] *= -1
+    cov[:, 1, 0] *= -1
+    other = replace(table, z=twin(table.z), cov=cov, extent=-table.extent[:, ::-1])
+    a, b = run_ekf(measurements), run_ekf(replace(measurements, sightings={"line": other}))
+    np.testing.assert_allclose(b.pose, a.pose, atol=1e-12)
+    np.testing.assert_allclose(b.map.params, a.map.params, atol=1e-12)
+    np.testing.assert_allclose(b.map.extent, a.map.extent, atol=1e-9)
+
+
+def test_errors_are_as_large_as_the_filter_says() -> None:
+    """Mean NEES of the last pose over 40 seeds, inside the 99.9 % band of its chi-square law."""
+    nees = []
+    for seed in range(40):
+        measurements, truth = drive(seed, 80, odometry_sigma=(0.003, 0.003, 0.003))
+        estimate = run_ekf(measurements)
+        error = estimate.pose[-1] - truth[-1]
+        error[2] = wrap(error[2])
+        nees.append(error @ np.linalg.solve(estimate.cov_floor[-1], error))
+    low, high = chi2.ppf([0.0005, 0.9995], 3 * len(nees))
+    assert low < np.sum(nees) < high
+
+
+def test_dead_reckoning_errors_are_as_large_as_it_says() -> None:
+    nees = []
+    for seed in range(40):
+        measurements, truth = drive(seed, 80)
+        estimate = dead_reckoning(measurements)
+        error = estimate.pose[-1] - truth[-1]
+        error[2] = wrap(error[2])
+        nees.append(error @ np.linalg.solve(estimate.cov_floor[-1], error))
+    low, high = chi2.ppf([0.0005, 0.9995], 3 * len(nees))
+    assert low < np.sum(nees) < high
+
+
+def test_a_new_line_carries_the_poses_uncertainty_and_its_correlation() -> None:
+    measurements, _ = drive(1, 1, start_sigma=0.1)
+    estimate = run_ekf(measurements)
+    table, P, count = measurements.sightings["line"], 0.01 * np.eye(3), len(estimate.map)
+    assert count >= 2
+    J_pose, J_z = np.zeros((2 * count, 3)), np.zeros((2 * count, 2 * count))
+    for row in range(count):
+        line, by_pose, by_z = LINE.initialise(measurements.start_pose, table.z[row], table.cov[row])
+        flip = np.diag([1.0 if is_canonical(line) else -1.0, 1.0])
+        at = slice(2 * row, 2 * row + 2)
+        J_pose[at], J_z[at, at] = flip @ by_pose, flip @ by_z
+    R = np.kron(np.eye(count), table.cov[0])
+    np.testing.assert_allclose(
+        estimate.cov_joint[3:, 3:], J_pose @ P @ J_pose.T + J_z @ R @ J_z.T, atol=1e-12
+    )
+    np.testing.assert_allclose(estimate.cov_joint[3:, :3], J_pose @ P, atol=1e-12)
+
+
+def test_known_matching_and_gated_matching_agree_on_an_easy_drive() -> None:
+    measurements, _ = drive(2, 200)
+    gated = run_ekf(measurements)
+    known = run_ekf(measurements, EkfConfig(MatchingConfig(method="known")))
+    assert known.used.all()
+    np.testing.assert_allclose(known.pose, gated.pose, atol=0.01)
+    assert len(known.map) == len(gated.map) == len(GRID)
+
+
+def test_a_sensor_without_landmarks_is_fused_without_the_filter_knowing_it() -> None:
+    measurements, truth = drive(4, 150)
+    fixes = pose_fixes(measurements, truth, 10, 0.02)
+    only = replace(measurements, sightings={"pose_fix": fixes})
+    both = replace(measurements, sightings={**measurements.sightings, "pose_fix": fixes})
+    estimate = run_ekf(only)
+    assert len(estimate.map) == 0
+    assert estimate.used.all()
+    assert np.abs(estimate.pose[-1, :2] - truth[-1, :2]).max() < 0.05
+    assert np.trace(run_ekf(both).cov_floor[-1]) < np.trace(estimate.cov_floor[-1])
+
+
+def test_being_rejected_throughout_is_called_lost_and_widens_the_covariance() -> None:
+    measurements, _ = drive(0, 120)
+    table = measurements.sightings["line"]
+    late = table.node >= 60
+    z = table.z + late[:, None] * np.array([0.12, 0.0])  # between the gates: neither old nor new
+    shifted = replace(measurements, sightings={"line": replace(table, z=z)})
+    config = EkfConfig(MatchingConfig(gate_new=1e9))
+    estimate = run_ekf(shifted, config)
+    assert estimate.counts["lost: every sighting rejected for several nodes"] >= 1
+    still = run_ekf(shifted, replace(config, lost_after=0))
+    assert "lost: every sighting rejected for several nodes" not in still.counts
+
+
+def test_an_estimate_of_other_measurements_is_refused_as_linearisation() -> None:
+    measurements, _ = drive(0, 50)
+    other = run_ekf(drive(0, 60)[0])
+    with pytest.raises(BadMeasurements, match="other measurements"):
+        run_ekf(measurements, linearise_at=other)
+
+
+def test_a_log_without_sightings_gives_dead_reckoning() -> None:
+    measurements, _ = drive(0, 80)
+    blind = run_ekf(measurements.without_sightings())
+    plain = dead_reckoning(measurements)
+    np.testing.assert_allclose(blind.pose, plain.pose, atol=1e-12)
+    np.testing.assert_allclose(blind.cov_floor, plain.cov_floor, atol=1e-15)
+    assert {u.quantity for u in blind.unobserved} == {"position", "heading"}

@@ -1,0 +1,139 @@
+"""Reader of log folders, format ``graphslam-log/1`` (docs/log-format.md)."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from frontend.log import DEFAULT_CAMERA, Log
+from frontend.readers import folder_tables as tables
+from frontend.readers.log_toml import LogTable, RobotTable, floor_cameras, read_log_toml
+from graphslam.errors import BadConfig, BadLog
+from graphslam.models.odometry import DifferentialDrive
+
+T = TypeVar("T")
+
+UNUSED = ("lamps.csv", "bearings.csv", "scans.npz", "landmarks.csv", "video.csv")
+"""Files of the format that this version does not read."""
+
+USED = (
+    "log.toml",
+    "wheels.csv",
+    "odometry.csv",
+    "images.csv",
+    "sightings.csv",
+    "tags.csv",
+    "groundtruth.tum",
+    "map.csv",
+)
+"""Files of the format that this version reads, in the order of the digest."""
+
+
+def read_folder(folder: Path) -> Log:
+    """Returns the log in a folder.
+
+    Raises:
+        BadLog: anything contradicts the format; the message names file, line and cure.
+    """
+    settings_path = folder / "log.toml"
+    settings = read_log_toml(settings_path)
+    cameras, elsewhere = floor_cameras(settings_path, settings)
+    wheels = _optional(folder / "wheels.csv", tables.read_wheels)
+    odometry = _optional(folder / "odometry.csv", tables.read_odometry)
+    if wheels is None and odometry is None:
+        raise BadLog(f"{folder}: has neither wheels.csv nor odometry.csv; add one of them")
+    landmarks = _optional(folder / "map.csv", tables.read_map)
+    sightings = _optional(
+        folder / "sightings.csv", lambda path: tables.read_sightings(path, landmarks)
+    )
+    # images beside sightings only say when there were images: no camera has to be described
+    names = {*cameras, *elsewhere} or ({DEFAULT_CAMERA} if sightings is not None else set())
+    log = Log(
+        name=settings.name or folder.resolve().name or "log",
+        folder=folder,
+        robot=_robot(settings_path, settings.robot, wheels is not None),
+        cameras=cameras,
+        start_pose=np.array(settings.start.pose if settings.start else (0.0, 0.0, 0.0)),
+        start_sigma=np.array(settings.start.sigma if settings.start else (0.0, 0.0, 0.0)),
+        start_given=settings.start is not None,
+        wheels=wheels,
+        odometry=odometry,
+        images=_optional(folder / "images.csv", lambda path: tables.read_images(path, names)),
+        sightings=sightings,
+        pose_fixes=_optional(folder / "tags.csv", tables.read_tags),
+        truth=_optional(folder / "groundtruth.tum", tables.read_truth),
+        map=landmarks,
+        warnings=(),
+        digest="",
+    )
+    warnings = (*_unused(folder, settings, elsewhere), *_doubtful(log))
+    return replace(log, warnings=warnings, digest=_digest(log))
+
+
+def _is_there(path: Path) -> bool:
+    return path.exists() or path.is_symlink()
+
+
+def _optional(path: Path, read: Callable[[Path], T]) -> T | None:
+    return read(path) if _is_there(path) else None
+
+
+def _robot(path: Path, table: RobotTable | None, has_wheels: bool) -> DifferentialDrive | None:
+    if table is None:
+        if has_wheels:
+            raise BadLog(
+                f"{path}: [robot] is missing; wheels.csv needs its wheel_radius_left, "
+                "wheel_radius_right and wheel_base in metres"
+            )
+        return None
+    try:
+        return table.drive(geometry_needed=has_wheels)
+    except BadConfig as refused:
+        raise BadLog(f"{path}: [robot] {refused}") from None
+
+
+def _unused(folder: Path, settings: LogTable, elsewhere: list[str]) -> Iterator[str]:
+    """Yields a warning for each part of the format that this version does not use."""
+    present = [name for name in UNUSED if _is_there(folder / name)]
+    present += [f"log.toml: camera {name!r}" for name in elsewhere]
+    if settings.video is not None:
+        present.append("log.toml: video")
+    for name in present:
+        yield f"{name}: present, not used by this version"
+
+
+def _doubtful(log: Log) -> Iterator[str]:
+    """Yields warnings about what is usable, but hardly meant."""
+    if log.wheels is not None and log.odometry is not None:
+        yield "odometry.csv: not used, because wheels.csv is there"
+    if log.images is not None and log.sightings is not None:
+        yield (
+            "sightings.csv: images are not searched for lines, because lines already detected are "
+            "there; images only say when there were images"
+        )
+    if not len(log.floor_images()) and log.sightings is None and log.pose_fixes is None:
+        yield "no floor images, sightings.csv or tags.csv: there is only odometry to estimate from"
+
+
+def _digest(log: Log) -> str:
+    """Returns the SHA-256, hexadecimal, of all files used: names, sizes, content, fixed order."""
+    paths = [path for name in USED if _is_there(path := log.folder / name)]
+    named = [(path.name, path) for path in paths]
+    if log.images is not None and log.sightings is None:  # else no image is opened
+        root = log.folder.resolve()
+        files = [log.images.file[i] for i in log.floor_images()]
+        named += [(file.relative_to(root).as_posix(), file) for file in files]
+    total = hashlib.sha256()
+    for name, path in named:
+        try:
+            with path.open("rb") as stream:
+                content = hashlib.file_digest(stream, "sha256").hexdigest()
+            total.update(f"{name}\0{path.stat().st_size}\0{content}\n".encode())
+        except OSError as reason:
+            raise BadLog(f"{path}: cannot be read ({reason.strerror}); check it") from None
+    return total.hexdigest()

@@ -1,0 +1,174 @@
+"""The file ``log.toml`` of a log folder: robot, cameras and start."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from frontend.camera import LOOKS_AT, Camera
+from frontend.log import DEFAULT_CAMERA, UNKNOWN_WHEELS
+from frontend.strict import from_dict, load_toml, nearest
+from graphslam.errors import BadConfig, BadLog
+from graphslam.models.odometry import DifferentialDrive
+
+FORMAT = "graphslam-log/1"
+
+GEOMETRY = ("wheel_radius_left", "wheel_radius_right", "wheel_base")
+LARGEST = 1e9  # of a robot's numbers: with it and the tables' limit nothing overflows
+
+Matrix3 = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class RobotTable:
+    """``[robot]``; see `DifferentialDrive`. Radii and base may be absent with odometry.csv only."""
+
+    wheel_radius_left: float | None = None
+    wheel_radius_right: float | None = None
+    wheel_base: float | None = None
+    noise_left: float | None = None
+    noise_right: float | None = None
+    law: Literal["distance", "paper"] = "distance"
+    slip: tuple[float, float, float] = (0.002, 0.002, 0.005)
+
+    def __post_init__(self) -> None:
+        for name in GEOMETRY:
+            value = getattr(self, name)
+            if value is not None and value > 0 and not 1 / LARGEST <= value <= LARGEST:
+                raise BadConfig(f"{name} = {value}: is no robot's; write metres")
+        for value in (self.noise_left or 0.0, self.noise_right or 0.0, *self.slip):
+            if value > LARGEST:
+                raise BadConfig(f"noise or slip = {value}: is beyond {LARGEST:g}; write it smaller")
+
+    def drive(self, geometry_needed: bool) -> DifferentialDrive:
+        """Returns the drive; without radii and base, one whose wheels have no noise of their own.
+
+        Raises:
+            BadConfig: radii and base are needed, or given in part; or a value cannot be used.
+        """
+        values = {name: getattr(self, name) for name in GEOMETRY}
+        missing = [name for name, value in values.items() if value is None]
+        if not missing:
+            return DifferentialDrive(**{f.name: getattr(self, f.name) for f in fields(self)})
+        if geometry_needed or len(missing) < len(GEOMETRY):
+            raise BadConfig(f"{missing[0]} is missing; add `{missing[0]} = ...` in metres")
+        return replace(UNKNOWN_WHEELS, slip=self.slip)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraTable:
+    """``[camera]`` or ``[cameras.NAME]`` of a camera that looks at the floor; see `Camera`."""
+
+    image_size: tuple[int, int]
+    homography: Matrix3
+    looks_at: str = "floor"
+    matrix: Matrix3 | None = None
+    distortion: tuple[float, ...] | None = None
+
+    def camera(self, name: str) -> Camera:
+        """Returns the camera; raises BadConfig where its numbers make none."""
+        matrix = None if self.matrix is None else np.array(self.matrix)
+        distortion = None if self.distortion is None else np.array(self.distortion)
+        return Camera(
+            name, self.looks_at, self.image_size, np.array(self.homography), matrix, distortion
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class StartTable:
+    """``[start]``: pose at the first node and its standard deviations, m and rad."""
+
+    pose: tuple[float, float, float]
+    sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if max(map(abs, (*self.pose, *self.sigma))) > LARGEST:
+            raise BadConfig(f"pose or sigma is beyond {LARGEST:g}; write metres and radians")
+        if min(self.sigma) < 0:
+            raise BadConfig(f"sigma = {list(self.sigma)}: standard deviations are not negative")
+
+
+@dataclass(frozen=True, slots=True)
+class LogTable:
+    """The whole file, cameras not yet looked into."""
+
+    format: str
+    name: str | None = None
+    robot: RobotTable | None = None
+    camera: Mapping[str, Any] | None = None
+    cameras: Mapping[str, Any] = field(default_factory=dict)
+    start: StartTable | None = None
+    video: str | None = None
+
+    def __post_init__(self) -> None:
+        name = self.name
+        if name is not None and (
+            not name.strip() or len(name) > 100 or name[0] == "." or not _plain(name)
+        ):
+            raise BadConfig(
+                f"name = {name[:100]!r}: becomes the name of a folder; write 1 to 100 characters, "
+                'no / \\ : * ? " < > |, no dot at the beginning'
+            )
+
+
+def read_log_toml(path: Path) -> LogTable:
+    """Returns the content of ``log.toml``, its format line checked first.
+
+    Raises:
+        BadLog: the file contradicts the format.
+    """
+    content = load_toml(path, BadLog)
+    if content.get("format") != FORMAT:
+        found = f"format = {content['format']!r}" if "format" in content else "no format line"
+        raise BadLog(
+            f'{path}: {found}; this version reads `format = "{FORMAT}"`, the first line of the file'
+        )
+    return from_dict(LogTable, content, str(path), BadLog)
+
+
+def floor_cameras(path: Path, content: LogTable) -> tuple[dict[str, Camera], list[str]]:
+    """Returns the cameras that look at the floor, and the names of those that look elsewhere.
+
+    Raises:
+        BadLog: a camera is described wrongly.
+    """
+    tables = {f"cameras.{name}": (name, table) for name, table in content.cameras.items()}
+    if content.camera is not None:
+        if DEFAULT_CAMERA in content.cameras:
+            raise BadLog(
+                f"{path}: has [camera] and [cameras.{DEFAULT_CAMERA}], which mean the same camera; "
+                "remove one"
+            )
+        tables["camera"] = (DEFAULT_CAMERA, content.camera)
+    cameras: dict[str, Camera] = {}
+    elsewhere: list[str] = []
+    for at, (name, table) in tables.items():
+        if _looks_at(path, at, name, table) != "floor":
+            elsewhere.append(name)
+            continue
+        given = from_dict(CameraTable, table, str(path), BadLog, at)
+        try:
+            cameras[name] = given.camera(name)
+        except BadConfig as refused:
+            raise BadLog(f"{path}: [{at}] {refused}") from None
+    return cameras, elsewhere
+
+
+def _looks_at(path: Path, at: str, name: str, table: Any) -> str:
+    if not isinstance(table, Mapping):
+        raise BadLog(f"{path}: {at} must be a table: write [{at}] with the camera's keys below")
+    looks_at = table.get("looks_at", "floor" if name == DEFAULT_CAMERA else None)
+    if looks_at is None:
+        raise BadLog(f'{path}: {at}.looks_at is missing; add `looks_at = "floor"` under [{at}]')
+    if looks_at not in LOOKS_AT:
+        cure = nearest(str(looks_at), LOOKS_AT)
+        raise BadLog(f"{path}: {at}.looks_at = {looks_at!r} is not known; {cure}")
+    return str(looks_at)
+
+
+def _plain(name: str) -> bool:
+    return name.isprintable() and not set(name) & set('/\\:*?"<>|')

@@ -1,0 +1,97 @@
+"""Configuration of the front-end. Field docstrings are the command line's help."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal
+
+from graphslam.errors import BadConfig
+
+Polarity = Literal["dark", "bright", "both"]
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorConfig:
+    """The line detector: edges, Hough transform, pairing of a groove's two edges, noise."""
+
+    polarity: Polarity = "both"
+    """Lines to look for: dark (grooves), bright (painted), or both."""
+    line_width_m: tuple[float, float] = (0.002, 0.025)
+    """Narrowest and widest distance on the floor between the two edges of one line, m."""
+    pair_angle_deg: float = 5.0
+    """Largest angle on the floor between the two edges of one line, degrees."""
+    min_length_m: float = 0.08
+    """Shortest stretch of a line that counts, m on the floor."""
+    smoothing_px: float = 1.0
+    """Standard deviation of the Gaussian that smooths the grey image, pixels."""
+    edge_over_noise: tuple[float, float] = (2.0, 4.0)
+    """Canny's low and high threshold, in multiples of the image's own gradient noise (a low
+    quantile of its gradients, as a standard deviation), so that they follow light and contrast."""
+    edge_min_grey: float = 1.0
+    """Smallest high threshold, grey levels per pixel: keeps rounding and compression in clean
+    images from counting as edges."""
+    hough_angle_deg: float = 2.0
+    """Angle step of the Hough accumulator, degrees."""
+    hough_offset_px: float = 2.0
+    """Offset step of the Hough accumulator, pixels."""
+    direction_tolerance_deg: float = 15.0
+    """An edge pixel votes for, and supports, only lines within this angle of its gradient."""
+    support_px: float = 1.5
+    """Largest distance of a supporting edge pixel from its line, pixels."""
+    min_support: int = 15
+    """Fewest edge pixels that make one edge of a line."""
+    min_run: int = 8
+    """Fewest edge pixels in a row (without a gap) that count; crossings may part a line into
+    several such runs."""
+    max_gap_px: float = 5.0
+    """Longest gap inside such a run, pixels."""
+    coarsest_pixel_m: float = 0.03
+    """Edge pixels that cover more floor than this across their edge are ignored (near the
+    horizon), m."""
+    sigma_rho_a_m: float = 0.004
+    """a of the noise of rho, `a + b |sin alpha_M| (exp(rho / c) - 1)`, m (SantanaLoc eq. (22))."""
+    sigma_rho_b_m: float = 0.3
+    """b of the noise of rho, m (SantanaLoc eq. (22))."""
+    sigma_rho_c_m: float = 45.0
+    """c of the noise of rho, m (SantanaLoc eq. (22))."""
+    sigma_alpha_deg: float = 0.5
+    """Standard deviation of alpha, degrees; the papers give none."""
+
+    def __post_init__(self) -> None:
+        for name in ("line_width_m", "edge_over_noise"):
+            low, high = getattr(self, name)
+            if not (math.isfinite(high) and 0 <= low < high):
+                raise BadConfig(f"{name} = ({low}, {high}): needs 0 <= first < second, both finite")
+        if self.polarity not in ("dark", "bright", "both"):
+            raise BadConfig(f"polarity = {self.polarity!r}: must be dark, bright or both")
+        for f in fields(self):
+            value: Any = getattr(self, f.name)
+            if f.name in ("line_width_m", "edge_over_noise", "polarity"):
+                continue
+            may_be_zero = f.name in ("sigma_rho_b_m", "edge_min_grey")
+            if not (math.isfinite(value) and (value > 0 or (may_be_zero and value == 0))):
+                raise BadConfig(f"{f.name} = {value}: must be finite and positive")
+
+
+@dataclass(frozen=True, slots=True)
+class ExtractConfig:
+    """From a log to measurements."""
+
+    detector: DetectorConfig = field(default_factory=DetectorConfig)
+    workers: int = 0
+    """Threads that look at images at the same time; 0: as many as the machine has cores."""
+    from_s: float | None = None
+    """Leave out what was recorded before this time, s; absent: from the beginning."""
+    to_s: float | None = None
+    """Leave out what was recorded after this time, s; absent: to the end."""
+    every: int = 1
+    """Use every n-th image (or scan), n >= 1."""
+
+    def __post_init__(self) -> None:
+        if self.workers < 0:
+            raise BadConfig(f"workers = {self.workers}: must be 0 (all cores) or a positive number")
+        if self.every < 1:
+            raise BadConfig(f"every = {self.every}: must be 1 or more")
+        if self.from_s is not None and self.to_s is not None and self.from_s >= self.to_s:
+            raise BadConfig(f"from_s = {self.from_s} is not before to_s = {self.to_s}")

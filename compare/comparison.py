@@ -1,0 +1,187 @@
+"""The comparison of several estimates of one run, with the truth where there is any."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from compare.agreement import Agreement, agreement
+from compare.maps import MapMetrics, map_metrics
+from compare.matching import MatchingTable, matching_table
+from compare.metrics import TrajectoryMetrics, pose_nees, rms, trajectory
+from compare.truth import Truth, truth_of
+from graphslam.errors import BadMeasurements
+from graphslam.estimate import Estimate, Unobserved
+from graphslam.geometry import Array
+from graphslam.measurements import Measurements
+from graphslam.models import MODELS
+
+if TYPE_CHECKING:
+    from frontend.log import Log
+
+SIGMA_ZERO = 1e-6
+"""Standard deviations of the start pose that count as none, m and rad."""
+
+
+@dataclass(frozen=True, slots=True)
+class MethodMetrics:
+    """One method, judged.
+
+    Attributes:
+        method: name of the method.
+        causal: whether the pose at time t uses only data up to t.
+        trajectory: errors of the path; None without a true path.
+        pose_nees: NEES of the poses per degree of freedom; NaN where not defined.
+        map: errors of the map; None without true lines, or without lines in the map.
+        matching: which sightings were taken for what; None where no true landmark is known.
+        landmarks: landmarks in the map.
+        sightings: sightings there were.
+        sightings_used: sightings that the estimate uses.
+        nis_per_dof: mean normalised innovation (smoother: residual) squared per degree of freedom;
+            NaN without any.
+        position_sigma_m: RMS over the nodes of the standard deviation of position, m.
+        last_position_sigma_m: standard deviation of the last position, m.
+        heading_sigma_deg: RMS over the nodes of the standard deviation of heading, degrees.
+        unobserved: directions that the data does not fix.
+        counts: what happened to sightings, by name.
+        cost: half the sum of squared normalised residuals; NaN where there is none.
+        iterations: of the optimiser.
+        converged: whether the optimiser met its tolerance.
+    """
+
+    method: str
+    causal: bool
+    trajectory: TrajectoryMetrics | None
+    pose_nees: float
+    map: MapMetrics | None
+    matching: MatchingTable | None
+    landmarks: int
+    sightings: int
+    sightings_used: int
+    nis_per_dof: float
+    position_sigma_m: float
+    last_position_sigma_m: float
+    heading_sigma_deg: float
+    unobserved: tuple[Unobserved, ...] = ()
+    counts: Mapping[str, int] = field(default_factory=dict)
+    cost: float = float("nan")
+    iterations: int = 0
+    converged: bool = True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "counts", MappingProxyType(dict(self.counts)))
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What several methods made of one run.
+
+    Attributes:
+        log: name of the recording; empty where only measurements were at hand.
+        nodes: nodes of the run.
+        truth: what is true about it.
+        methods: one entry a method, in the order given.
+        agreement: how any two of them differ.
+    """
+
+    log: str
+    nodes: int
+    truth: Truth
+    methods: tuple[MethodMetrics, ...]
+    agreement: tuple[Agreement, ...]
+
+    def __getitem__(self, method: str) -> MethodMetrics:
+        """Returns the entry of a method; KeyError where it was not compared."""
+        for entry in self.methods:
+            if entry.method == method:
+                return entry
+        raise KeyError(method)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Returns the content of metrics.json; see `compare.content`."""
+        from compare.content import comparison_content
+
+        return comparison_content(self)
+
+
+def compare(
+    log: Log | None, measurements: Measurements, estimates: Sequence[Estimate]
+) -> Comparison:
+    """Returns errors, consistency and agreement of estimates made from the same measurements.
+
+    Args:
+        log: the recording, for its truth; None where only measurements are at hand.
+        measurements: what the estimates were made from.
+        estimates: one a method.
+
+    Raises:
+        BadMeasurements: an estimate belongs to other measurements, or two have one name.
+    """
+    names = [estimate.method for estimate in estimates]
+    if len(set(names)) != len(names):
+        raise BadMeasurements(f"two estimates have one name: {', '.join(names)}; rename one")
+    for estimate in estimates:
+        if len(estimate.match) != measurements.sighting_count:
+            raise BadMeasurements(
+                f"{estimate.method} speaks of {len(estimate.match)} sightings, the measurements "
+                f"have {measurements.sighting_count}; compare estimates with their own measurements"
+            )
+    truth = truth_of(log, measurements)
+    start = known_start(log)
+    return Comparison(
+        log="" if log is None else log.name,
+        nodes=len(measurements.t),
+        truth=truth,
+        methods=tuple(_judge(estimate, measurements, truth, start) for estimate in estimates),
+        agreement=tuple(agreement(a, b, measurements) for a, b in combinations(estimates, 2)),
+    )
+
+
+def known_start(log: Log | None) -> Array | None:
+    """Returns the start pose (3,) where the log gives one without uncertainty, else None."""
+    if log is None or not log.start_given or np.max(log.start_sigma) > SIGMA_ZERO:
+        return None
+    return log.start_pose
+
+
+def _judge(
+    estimate: Estimate, measurements: Measurements, truth: Truth, start: Array | None
+) -> MethodMetrics:
+    path = trajectory(estimate, truth)
+    path_motion = truth.truth_T_start if path is None else path.truth_T_estimate
+    position = np.sqrt(np.trace(estimate.cov_floor[:, :2, :2], axis1=1, axis2=2))
+    return MethodMetrics(
+        method=estimate.method,
+        causal=estimate.causal,
+        trajectory=path,
+        pose_nees=pose_nees(estimate, truth, start),
+        map=map_metrics(estimate, measurements, truth, path_motion),
+        matching=matching_table(estimate, measurements, truth),
+        landmarks=len(estimate.map),
+        sightings=len(estimate.match),
+        sightings_used=int(estimate.used.sum()),
+        nis_per_dof=_nis_per_dof(estimate, measurements),
+        position_sigma_m=rms(position),
+        last_position_sigma_m=float(position[-1]),
+        heading_sigma_deg=math.degrees(rms(np.sqrt(estimate.cov_floor[:, 2, 2]))),
+        unobserved=estimate.unobserved,
+        counts=estimate.counts,
+        cost=estimate.cost,
+        iterations=estimate.iterations,
+        converged=estimate.converged,
+    )
+
+
+def _nis_per_dof(estimate: Estimate, measurements: Measurements) -> float:
+    total, freedom = 0.0, 0
+    for first, table in measurements.tables():
+        nis = estimate.nis[first : first + len(table)]
+        total += float(np.nansum(nis))
+        freedom += MODELS[table.kind].dim_z * int(np.isfinite(nis).sum())
+    return total / freedom if freedom else float("nan")

@@ -1,0 +1,276 @@
+"""The verdict in words, each sentence with the figures behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import scipy.special
+
+from compare.agreement import Agreement
+from compare.comparison import Comparison, MethodMetrics
+
+WORTH_SHARE = 0.20
+"""A difference matters only above this share of the larger figure, ..."""
+WORTH_M = 1e-3
+"""... and above this length, m."""
+CHANCE = 0.025
+"""Probability on either side beyond which a consistency figure counts as over- or underconfident.
+The nodes of one run share their errors, so that a mean over them scatters almost like one node."""
+DISAGREE_SIGMAS = 3.0
+"""Two maps contradict each other where they differ by more than this many sigmas (RMS)."""
+
+Side = Literal["filter", "smoother", "neither"]
+Pair = tuple[MethodMetrics, MethodMetrics]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One quantity in which filter and smoother were compared.
+
+    Attributes:
+        quantity: "path", "last pose" or "map".
+        better: which of them has the better one; "neither" where the difference does not matter;
+            None where not both have a figure.
+        sentence: the figures in words.
+    """
+
+    quantity: str
+    better: Side | None
+    sentence: str
+
+
+def verdict(comparison: Comparison) -> tuple[str, ...]:
+    """Returns sentences: what to use, why, and what to beware of; the answer comes first.
+
+    Without a true path and true lines the sentences say so, and argue from the methods' own
+    covariances and from how far they agree.
+    """
+    methods = comparison.methods
+    pair = filter_and_smoother(methods)
+    judged = any(m.trajectory is not None or m.map is not None for m in methods)
+    findings = tuple(_judged_findings(methods, pair) if judged else _sigma_findings(methods, pair))
+    return (
+        *_headline(findings, pair, judged),
+        *([] if judged else [NO_TRUTH]),
+        *(finding.sentence for finding in findings),
+        *_causality(pair),
+        *_agreements(comparison.agreement, pair),
+        *_beaten_by_odometry(methods),
+        *_line_counts(methods),
+        *_right_matches(methods),
+        *_consistency(methods),
+        *_cautions(methods),
+    )
+
+
+def filter_and_smoother(methods: Sequence[MethodMetrics]) -> Pair | None:
+    """Returns the first causal method that uses sightings and the first that is not causal."""
+    causal = [m for m in methods if m.causal and m.sightings_used]
+    batch = [m for m in methods if not m.causal]
+    return (causal[0], batch[0]) if causal and batch else None
+
+
+# ---- filter against smoother -------------------------------------------------------------------
+
+NO_TRUTH = (
+    "There is no ground truth for this run, so nothing here measures an error: what is said rests "
+    "on the methods' own covariances and on how far they agree, and errors that they share (a "
+    "wrong wheel radius, a wrong homography) do not show."
+)
+
+
+def _headline(findings: Sequence[Finding], pair: Pair | None, judged: bool) -> Iterator[str]:
+    if pair is None or not any(f.better for f in findings):
+        return
+    by = {side: [f.quantity for f in findings if f.better == side] for side in get_args(Side)}
+    ours, theirs, same = (_and(by[side]) for side in ("smoother", "filter", "neither"))
+    if ours and theirs:
+        answer = f"it depends: smoothing gives the better {ours}, filtering the better {theirs}."
+    elif ours:
+        answer = f"smooth this run: it gives the better {ours}" + (
+            f"; for the {same} the filter does as well." if same else "."
+        )
+    elif theirs:
+        answer = f"filter this run: smoothing makes the {theirs} worse."
+    else:
+        answer = f"filtering is enough: smoothing changes the {same} by nothing that matters."
+    source = "ground truth" if judged else "the methods' own covariances"
+    limits = f"above {WORTH_SHARE:.0%} and {_metres(WORTH_M)}"
+    yield f"By {source}, {answer} (A difference matters {limits}.)"
+
+
+def _judged_findings(methods: Sequence[MethodMetrics], pair: Pair | None) -> Iterator[Finding]:
+    paths = {m.method: m.trajectory for m in methods if m.trajectory is not None}
+    maps = {m.method: m.map for m in methods if m.map is not None and m.map.matched}
+    if paths:
+        scored = next(iter(paths.values())).nodes
+        rmse = {name: path.aligned_rmse_m for name, path in paths.items()}
+        yield _finding("path", f"Path (aligned RMS error of {scored} nodes)", rmse, pair)
+        final = {name: path.final_error_m for name, path in paths.items()}
+        yield _finding("last pose", "Last pose (error from the common start)", final, pair)
+    if maps:
+        offsets = {name: figures.rho_rmse_m for name, figures in maps.items()}
+        found = _finding("map", "Map (RMS offset of lines where they were seen)", offsets, pair)
+        angles = ", ".join(f"{name} {m.alpha_rmse_deg:.2g}°" for name, m in maps.items())
+        sentence = f"{found.sentence} In angle: {angles}."
+        wrong = {name: m.spurious + m.duplicates + (m.missed or 0) for name, m in maps.items()}
+        better = found.better
+        if pair is not None and all(m.method in wrong for m in pair):
+            before, after = (wrong[m.method] for m in pair)
+            if abs(before - after) > WORTH_SHARE * max(before, after):
+                better = "smoother" if after < before else "filter"
+                sentence += (
+                    f" With fewer lines missed, spurious or double the {better}'s is better."
+                )
+        yield Finding("map", better, sentence)
+
+
+def _sigma_findings(methods: Sequence[MethodMetrics], pair: Pair | None) -> Iterator[Finding]:
+    path = {m.method: m.position_sigma_m for m in methods}
+    found = _finding("path", "Path (own sigma of position, RMS)", path, pair)
+    ratio = ""
+    if pair is not None:
+        variances = pair[0].position_sigma_m ** 2 / pair[1].position_sigma_m ** 2
+        ratio = f" The filter's variance is {variances:.3g} times the smoother's."
+    yield Finding(found.quantity, found.better, found.sentence + ratio)
+    last = {m.method: m.last_position_sigma_m for m in methods}
+    yield _finding("last pose", "Last pose (own sigma of position)", last, pair)
+
+
+def _finding(quantity: str, what: str, figures: dict[str, float], pair: Pair | None) -> Finding:
+    listed = ", ".join(f"{name} {_metres(value)}" for name, value in figures.items())
+    if pair is None or not all(m.method in figures for m in pair):
+        return Finding(quantity, None, f"{what}: {listed}.")
+    before, after = (figures[m.method] for m in pair)
+    size = abs(after - before)
+    matters = size > WORTH_M and size > WORTH_SHARE * max(before, after)
+    better: Side = "neither" if not matters else "smoother" if after < before else "filter"
+    if size <= 0.01 * before:
+        change = "changes it by less than 1%"
+    else:
+        by = f"{size / before:.0%}" if before else _metres(size)
+        change = f"{'cuts' if after < before else 'raises'} the filter's by {by}"
+    worth = "which matters" if matters else "which does not matter"
+    return Finding(quantity, better, f"{what}: {listed}; smoothing {change}, {worth}.")
+
+
+def _causality(pair: Pair | None) -> Iterator[str]:
+    if pair is not None:
+        yield (
+            f"The path of {pair[0].method} is causal: each pose uses only what was known by then, "
+            f"as a robot on its way must. That of {pair[1].method} uses the whole run and exists "
+            "only afterwards. The last pose and the map use the whole run in both."
+        )
+
+
+def _agreements(entries: Sequence[Agreement], pair: Pair | None) -> Iterator[str]:
+    if pair is None:
+        return
+    names = {m.method for m in pair}
+    for entry in (e for e in entries if {e.first, e.second} == names):
+        yield (
+            f"{entry.first} and {entry.second} differ by {_metres(entry.position_rms_m)} RMS along "
+            f"the path (at most {_metres(entry.position_max_m)}) and by "
+            f"{_metres(entry.last_position_m)} at the last pose."
+        )
+        if entry.map is not None and len(entry.map.row_a):
+            text = (
+                f"Their {len(entry.map.row_a)} common lines differ by "
+                f"{_metres(entry.map.offset_rms_m)} and {entry.map.alpha_rms_deg:.2g}° RMS, "
+                f"{entry.map.sigmas_rms:.2g} of their sigmas"
+            )
+            contradict = entry.map.sigmas_rms > DISAGREE_SIGMAS
+            yield text + (": at least one of them is wrong about itself." if contradict else ".")
+
+
+# ---- each method by itself ---------------------------------------------------------------------
+
+
+def _beaten_by_odometry(methods: Sequence[MethodMetrics]) -> Iterator[str]:
+    alone = [m.trajectory for m in methods if not m.sightings_used and m.trajectory is not None]
+    for m in methods:
+        if not alone or m.trajectory is None or not m.sightings_used:
+            continue
+        if m.trajectory.aligned_rmse_m > alone[0].aligned_rmse_m:
+            yield f"The path of {m.method} is worse than odometry alone: do not use it as it is."
+
+
+def _line_counts(methods: Sequence[MethodMetrics]) -> Iterator[str]:
+    texts: dict[str, list[str]] = {}
+    for m in methods:
+        if m.map is not None:
+            texts.setdefault(_line_count(m), []).append(m.method)
+    for text, names in texts.items():
+        yield f"{_and(names)}: {text}."
+
+
+def _line_count(m: MethodMetrics) -> str:
+    figures = m.map
+    assert figures is not None
+    if figures.true_lines_seen is None:
+        text = f"{figures.matched} true lines mapped (nothing tells how many were to be seen)"
+    else:
+        text = f"{figures.matched} of {figures.true_lines_seen} seen lines mapped"
+    text += f", {figures.duplicates or 'none'} twice, {figures.spurious or 'none'} spurious"
+    if figures.unseen:
+        text += f", and {figures.unseen} that hardly came into view"
+    return text
+
+
+def _right_matches(methods: Sequence[MethodMetrics]) -> Iterator[str]:
+    for m in methods:
+        if m.matching is not None:
+            count = int(m.matching.identifications.sum())
+            yield f"{m.method}: {m.matching.right_share:.1%} of {count} matches are right."
+
+
+def _consistency(methods: Sequence[MethodMetrics]) -> Iterator[str]:
+    for m in methods:
+        yield from _confidence(f"{m.method}, poses", m.pose_nees, 3)
+        if m.map is not None:
+            yield from _confidence(f"{m.method}, map", m.map.nees, m.map.nees_freedom)
+
+
+def _confidence(what: str, nees: float, freedom: int) -> Iterator[str]:
+    """Yields how a NEES per degree of freedom compares with its chi-square bounds."""
+    if not nees >= 0.0:
+        return
+    low, high = (scipy.special.chdtri(freedom, p) / freedom for p in (1.0 - CHANCE, CHANCE))
+    bounds = f"NEES {nees:.2g} per degree of freedom; {low:.2g} to {high:.2g} is unsuspicious"
+    if nees > high:
+        yield f"{what}: overconfident, the errors exceed their covariance ({bounds})."
+    elif nees < low:
+        yield f"{what}: conservative, the errors stay far below their covariance ({bounds})."
+    else:
+        yield f"{what}: consistent with its covariance ({bounds})."
+
+
+def _cautions(methods: Sequence[MethodMetrics]) -> Iterator[str]:
+    for m in methods:
+        if m.sightings_used:
+            for direction in m.unobserved:
+                yield f"{m.method}: {direction}."
+        if m.map is not None and not m.map.matched and m.trajectory is None:
+            yield (
+                f"No line of {m.method} lies near a seen true line. Without a true path the map is "
+                "compared as it stands: [start] must be in the frame of the true map."
+            )
+        for reason, times in m.counts.items():
+            if reason.startswith("lost"):
+                yield f"{m.method} was lost {times} times{reason.removeprefix('lost')}."
+        if not m.converged:
+            yield (
+                f"{m.method} did not converge in {m.iterations} iterations: its figures are those "
+                "of an unfinished optimisation."
+            )
+
+
+def _and(words: Sequence[str]) -> str:
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
+def _metres(value: float) -> str:
+    """Returns a length with three significant digits, in mm below 1 m."""
+    return f"{value:.3g} m" if abs(value) >= 1.0 else f"{1e3 * value:.3g} mm"

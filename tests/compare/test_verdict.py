@@ -1,0 +1,213 @@
+"""The verdict says what the figures say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from compare.comparison import Comparison, MethodMetrics, compare
+from compare.verdict import verdict
+from graphslam.baseline import dead_reckoning
+from graphslam.estimate import Unobserved
+from tests.compare.made import estimate_of, log_with, relabelled
+from tests.worlds import GRID, drive
+
+DRIVEN, TRUE_POSE = drive(seed=5, nodes=200)
+MEASUREMENTS = replace(DRIVEN, start_pose=TRUE_POSE[0])
+LABELS = MEASUREMENTS.sightings["line"].truth
+LOG = log_with(MEASUREMENTS.t, TRUE_POSE, GRID)
+UNLABELLED = relabelled(MEASUREMENTS, np.full(len(LABELS), -1))
+
+
+def made_comparison(truth: bool = True) -> Comparison:
+    measurements = MEASUREMENTS if truth else UNLABELLED
+    estimates = [dead_reckoning(measurements)]
+    estimates += [
+        estimate_of(measurements, TRUE_POSE, GRID, LABELS, method=method, causal=method == "ekf")
+        for method in ("ekf", "smoother")
+    ]
+    return compare(LOG if truth else None, measurements, estimates)
+
+
+JUDGED = made_comparison()
+UNJUDGED = made_comparison(truth=False)
+
+
+def with_method(comparison: Comparison, entry: MethodMetrics) -> Comparison:
+    others = tuple(entry if m.method == entry.method else m for m in comparison.methods)
+    return replace(comparison, methods=others)
+
+
+def with_errors(method: str, comparison: Comparison, **errors: float) -> Comparison:
+    """Returns the comparison with other errors of one method's path or map."""
+    entry = comparison[method]
+    assert entry.trajectory is not None
+    assert entry.map is not None
+    path = {k: v for k, v in errors.items() if hasattr(entry.trajectory, k)}
+    figures = {k: v for k, v in errors.items() if hasattr(entry.map, k)}
+    assert {*path, *figures} == {*errors}
+    return with_method(
+        comparison,
+        replace(
+            entry,
+            trajectory=replace(entry.trajectory, **path),
+            map=replace(entry.map, **figures),
+        ),
+    )
+
+
+def path_errors(ekf: float, smoother: float) -> Comparison:
+    comparison = with_errors("ekf", JUDGED, aligned_rmse_m=ekf)
+    return with_errors("smoother", comparison, aligned_rmse_m=smoother)
+
+
+def sentence(comparison: Comparison, *words: str) -> str:
+    """Returns the one sentence that holds all words."""
+    found = [s for s in verdict(comparison) if all(word in s for word in words)]
+    assert len(found) == 1, verdict(comparison)
+    return found[0]
+
+
+def test_a_path_that_smoothing_makes_much_better_is_worth_it() -> None:
+    comparison = path_errors(0.0200, 0.0130)
+    assert verdict(comparison)[0].startswith(
+        "By ground truth, smooth this run: it gives the better path; for the last pose and map "
+        "the filter does as well."
+    )
+    text = sentence(comparison, "Path (aligned RMS error of 200 nodes)")
+    assert "ekf 20 mm, smoother 13 mm; smoothing cuts the filter's by 35%, which matters." in text
+
+
+@pytest.mark.parametrize(
+    ("ekf", "smoother"),
+    [(0.0100, 0.0085), (0.0015, 0.0006), (0.01, 0.01), (0.0, 0.0)],
+    ids=["below 20 percent", "below 1 mm", "equal", "both without error"],
+)
+def test_a_small_difference_does_not_matter(ekf: float, smoother: float) -> None:
+    comparison = path_errors(ekf, smoother)
+    assert verdict(comparison)[0].startswith(
+        "By ground truth, filtering is enough: smoothing changes the path, last pose and map by "
+        "nothing that matters. (A difference matters above 20% and 1 mm.)"
+    )
+    assert "does not matter" in sentence(comparison, "Path (aligned")
+
+
+def test_a_path_that_smoothing_makes_worse_speaks_for_the_filter() -> None:
+    comparison = path_errors(0.010, 0.020)
+    assert "filter this run: smoothing makes the path worse." in verdict(comparison)[0]
+    assert "raises the filter's by 100%" in sentence(comparison, "Path (aligned")
+
+
+def test_a_better_path_and_a_worse_map_are_both_said() -> None:
+    comparison = with_errors("smoother", path_errors(0.02, 0.01), rho_rmse_m=0.02)
+    assert "smoothing gives the better path, filtering the better map" in verdict(comparison)[0]
+
+
+def test_a_map_with_fewer_wrong_lines_is_the_better_one() -> None:
+    comparison = with_errors("ekf", JUDGED, duplicates=2)
+    assert "it gives the better map" in verdict(comparison)[0]
+    assert sentence(comparison, "ekf:", "seen lines mapped") == (
+        "ekf: 8 of 8 seen lines mapped, 2 twice, none spurious."
+    )
+
+
+def test_one_wrong_line_more_among_many_does_not_make_a_map_worse() -> None:
+    comparison = with_errors("ekf", with_errors("smoother", JUDGED, spurious=90), spurious=91)
+    assert "it gives the better map" not in verdict(comparison)[0]
+
+
+def test_an_error_where_the_filter_had_none_is_given_in_metres() -> None:
+    text = sentence(path_errors(0.0, 0.005), "Path (aligned")
+    assert "smoothing raises the filter's by 5 mm, which matters." in text
+
+
+def test_methods_with_the_same_line_count_share_a_sentence() -> None:
+    assert "ekf and smoother: 8 of 8 seen lines mapped, none twice, none spurious." in verdict(
+        JUDGED
+    )
+
+
+def test_causal_and_not_causal_paths_are_told_apart() -> None:
+    assert sentence(JUDGED, "The path of ekf is causal", "smoother uses the whole run")
+
+
+def test_the_share_of_right_matches_is_said() -> None:
+    assert sentence(JUDGED, f"smoother: 100.0% of {len(LABELS)} matches are right.")
+
+
+@pytest.mark.parametrize(
+    ("nees", "word"), [(4.0, "overconfident"), (1.0, "consistent"), (0.05, "conservative")]
+)
+def test_a_known_nees_is_judged(nees: float, word: str) -> None:
+    comparison = with_method(JUDGED, replace(JUDGED["ekf"], pose_nees=nees))
+    assert sentence(comparison, "ekf, poses: " + word, f"NEES {nees:.2g}")
+
+
+def test_a_nees_that_is_not_defined_is_not_mentioned() -> None:
+    comparison = with_method(JUDGED, replace(JUDGED["ekf"], pose_nees=float("nan")))
+    assert not any("ekf, poses" in s for s in verdict(comparison))
+
+
+def test_what_is_not_observed_is_said_of_methods_that_observe() -> None:
+    blind = Unobserved("position", (0.0, 1.0), 0.2, 0.21)
+    comparison = with_method(JUDGED, replace(JUDGED["smoother"], unobserved=(blind,)))
+    assert "position along 90°" in sentence(comparison, "not observed")
+
+
+def test_lost_episodes_and_missing_convergence_are_said() -> None:
+    lost = replace(JUDGED["ekf"], counts={"lost: every sighting rejected": 3, "other": 5})
+    late = replace(JUDGED["smoother"], converged=False, iterations=50)
+    comparison = with_method(with_method(JUDGED, lost), late)
+    assert sentence(comparison, "ekf was lost 3 times: every sighting rejected.")
+    assert sentence(comparison, "smoother did not converge in 50 iterations")
+
+
+def test_a_method_that_odometry_alone_beats_is_warned_of() -> None:
+    worse = with_errors("ekf", JUDGED, aligned_rmse_m=10.0)
+    assert sentence(worse, "The path of ekf is worse than odometry alone")
+    assert not any("worse than odometry" in s for s in verdict(JUDGED))
+
+
+def test_without_truth_it_says_so_and_argues_from_covariances_and_agreement() -> None:
+    smoother = replace(UNJUDGED["smoother"], position_sigma_m=0.010)
+    ekf = replace(UNJUDGED["ekf"], position_sigma_m=0.020)
+    comparison = with_method(with_method(UNJUDGED, smoother), ekf)
+    texts = verdict(comparison)
+    assert texts[0].startswith("By the methods' own covariances, smooth this run")
+    assert texts[1].startswith("There is no ground truth for this run")
+    assert "The filter's variance is 4 times the smoother's." in sentence(comparison, "Path (own")
+    assert sentence(comparison, "ekf and smoother differ by 0 mm RMS along the path")
+    assert not any("error of" in text for text in texts)
+
+
+def test_maps_that_contradict_each_other_are_pointed_out() -> None:
+    entry = next(e for e in UNJUDGED.agreement if e.first == "ekf")
+    assert entry.map is not None
+    many = np.full(len(entry.map.row_a), 10.0)
+    apart = replace(entry, map=replace(entry.map, offset_sigmas=many))
+    others = tuple(apart if e is entry else e for e in UNJUDGED.agreement)
+    comparison = replace(UNJUDGED, agreement=others)
+    assert sentence(comparison, "common lines", "at least one of them is wrong about itself")
+    assert not any("wrong about itself" in s for s in verdict(UNJUDGED))
+
+
+def test_a_map_in_a_frame_of_its_own_gets_a_hint_at_the_start_pose() -> None:
+    log = log_with(MEASUREMENTS.t, None, GRID + np.array([50.0, 0.0]))
+    match = np.full(len(LABELS), -1)
+    estimate = estimate_of(UNLABELLED, TRUE_POSE, GRID, match)
+    comparison = compare(log, UNLABELLED, [estimate])
+    assert sentence(comparison, "[start] must be in the frame of the true map")
+    assert not any("[start]" in s for s in verdict(JUDGED))
+
+
+def test_one_method_alone_gets_its_figures_and_no_recommendation() -> None:
+    alone = compare(LOG, MEASUREMENTS, [dead_reckoning(MEASUREMENTS)])
+    texts = verdict(alone)
+    assert texts[0].startswith("Path (aligned RMS error of 200 nodes): odometry ")
+    assert not any("smoothing" in text for text in texts)
+
+
+def test_a_run_with_no_method_has_no_verdict_to_give() -> None:
+    assert verdict(replace(JUDGED, methods=(), agreement=()))[0].startswith("There is no ground")

@@ -1,0 +1,96 @@
+"""Configuration of a whole run: one tree of frozen dataclasses, the same in files and flags.
+
+Only the standard library is imported here, so that `graphslam --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import json
+import textwrap
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields, is_dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from frontend.config import ExtractConfig
+from frontend.strict import from_dict, load_toml
+from graphslam.config import EkfConfig, SmootherConfig
+from graphslam.errors import BadConfig
+
+Method = Literal["odometry", "ekf", "smoother"]
+
+
+@dataclass(frozen=True, slots=True)
+class RunConfig:
+    """Everything that decides what a run computes from a log."""
+
+    methods: tuple[Method, ...] = ("odometry", "ekf", "smoother")
+    """Methods to run and compare. odometry: the wheels alone. ekf: EKF-SLAM, causal. smoother: the
+    factor graph over the whole log, started from the filter's result."""
+    extract: ExtractConfig = field(default_factory=ExtractConfig)
+    """Recording to measurements."""
+    ekf: EkfConfig = field(default_factory=EkfConfig)
+    """EKF-SLAM."""
+    smoother: SmootherConfig = field(default_factory=SmootherConfig)
+    """Full smoothing by a factor graph."""
+
+    def __post_init__(self) -> None:
+        if not self.methods:
+            raise BadConfig("methods is empty; name at least one of odometry, ekf, smoother")
+        object.__setattr__(self, "methods", tuple(dict.fromkeys(self.methods)))
+
+
+def load_config(path: Path | str) -> RunConfig:
+    """Returns the defaults with what a TOML file changes.
+
+    Raises:
+        BadConfig: the file cannot be read, or holds an unknown key or a wrong value at any depth.
+    """
+    return from_dict(RunConfig, load_toml(path), str(path))
+
+
+def to_toml(config: Any) -> str:
+    """Returns a configuration as TOML that `load_config` reads, every value with its meaning.
+
+    What is None has no form in TOML and stands in a comment: ``# from_s =``.
+    """
+    return "\n".join(_table(config, "")).strip() + "\n"
+
+
+def field_docs(cls: type[Any]) -> dict[str, str]:
+    """Returns the docstring below each field of a dataclass on one line, by field name."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
+    if not isinstance(tree, ast.ClassDef):
+        return {}
+    docs: dict[str, str] = {}
+    for this, following in zip(tree.body, tree.body[1:], strict=False):
+        named = isinstance(this, ast.AnnAssign) and isinstance(this.target, ast.Name)
+        if named and isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant):
+            docs[this.target.id] = " ".join(str(following.value.value).split())
+    return docs
+
+
+def _table(config: Any, name: str) -> Iterator[str]:
+    docs = field_docs(type(config))
+    values = {f.name: getattr(config, f.name) for f in fields(config)}
+    for key, value in values.items():
+        if not is_dataclass(value):
+            yield from textwrap.wrap(
+                docs.get(key, ""), 92, initial_indent="# ", subsequent_indent="# "
+            )
+            yield f"# {key} =" if value is None else f"{key} = {_value(value)}"
+            yield ""
+    for key, value in values.items():
+        if is_dataclass(value):
+            yield f"[{name}{key}]"
+            yield from _table(value, f"{name}{key}.")
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(_value(v) for v in value) + "]"
+    if isinstance(value, bool | str):
+        return json.dumps(value, ensure_ascii=False)
+    return repr(value)

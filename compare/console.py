@@ -1,0 +1,105 @@
+"""What the command line shows: progress on a terminal, a table at the end."""
+
+from __future__ import annotations
+
+import sys
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from rich import progress as bars
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from compare.run import RunResult
+
+JUDGED = {
+    "aligned path RMSE": ("trajectory", "aligned_rmse_m"),
+    "final error": ("trajectory", "final_error_m"),
+    "map RMSE": ("map", "rho_rmse_m"),
+}
+"""Columns of the table at the end: keys in a method's part of metrics.json."""
+CLAIMED = {"path sigma": ("position_sigma_m",), "final sigma": ("last_position_sigma_m",)}
+"""The same where there is no truth: what the methods claim."""
+
+
+class Progress:
+    """Shows the stage of a run on standard error where that is a terminal, else nothing."""
+
+    def __init__(self) -> None:
+        self._bar: bars.Progress | None = None
+        self._task: bars.TaskID | None = None
+
+    def __enter__(self) -> Progress:
+        if sys.stderr.isatty():
+            columns = (
+                bars.TextColumn("{task.description}"),
+                bars.BarColumn(),
+                bars.MofNCompleteColumn(),
+                bars.TimeElapsedColumn(),
+            )
+            self._bar = bars.Progress(*columns, console=Console(stderr=True), transient=True)
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Notes that ``done`` of ``total`` parts of a stage are done."""
+        if self._bar is None:
+            return
+        if self._task is None:
+            self._task = self._bar.add_task(stage, total=total)
+        self._bar.update(self._task, description=stage, completed=done, total=total)
+
+
+def print_result(result: RunResult) -> None:
+    """Prints one run's figures, its verdict and where the report is, to standard output."""
+    assert result.comparison is not None
+    metrics = result.comparison.to_dict()
+    table = Table(title=Text(result.log.name), title_justify="left", title_style="bold")
+    table.add_column("method")
+    judged = any(m["trajectory"] or m["map"] for m in metrics["methods"].values())
+    for heading in (*(JUDGED if judged else CLAIMED), "lines"):
+        table.add_column(heading, justify="right")
+    for name, figures in metrics["methods"].items():
+        shown = JUDGED.values() if judged else CLAIMED.values()
+        lines = str(figures["landmarks"]) if figures["landmarks"] else "–"
+        table.add_row(name, *(millimetres(_at(figures, path)) for path in shown), lines)
+    console = Console(highlight=False, soft_wrap=False)
+    console.print(table)
+    if metrics["verdict"]:
+        console.print(Text(metrics["verdict"][0]))
+    print(result.folder / "report.html")
+
+
+def print_extracted(result: RunResult) -> None:
+    """Prints what a log was turned into, to standard output."""
+    measurements = result.measurements
+    counts = ", ".join(f"{len(t)} {kind}" for kind, t in measurements.sightings.items())
+    print(f"{result.log.name}: {len(measurements.t)} nodes, sightings: {counts or 'none'}")
+    for reason, count in measurements.rejected.items():
+        print(f"left out: {count} {reason}")
+    print(result.folder)
+
+
+def _at(figures: Any, path: tuple[str, ...]) -> Any:
+    for key in path:
+        figures = None if figures is None else figures[key]
+    return figures
+
+
+def millimetres(metres: Any) -> str:
+    """Returns a length with three significant digits in mm, or a dash for None."""
+    if metres is None:
+        return "–"
+    value = 1e3 * metres
+    return f"{value:,.0f} mm" if abs(value) >= 100 else f"{value:#.3g} mm"

@@ -1,0 +1,25 @@
+"""All plots of a run."""
+
+from __future__ import annotations
+
+from compare.plots_map import map_errors
+from compare.plots_path import errors_over_time, floor_plan
+from compare.plots_sightings import innovations, matches_per_line, sightings_per_node
+from compare.plots_style import Plot, style
+from compare.record import Record
+
+DRAWINGS = (
+    floor_plan,
+    errors_over_time,
+    map_errors,
+    matches_per_line,
+    sightings_per_node,
+    innovations,
+)
+
+
+def draw(record: Record) -> dict[str, Plot]:
+    """Returns the plots of a run by name; those that the run has no data for are left out."""
+    with style():
+        plots = [drawing(record) for drawing in DRAWINGS]
+    return {plot.name: plot for plot in plots if plot is not None}

@@ -1,0 +1,157 @@
+"""Plots of the sightings: how many, how surprising, and which line they went to."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+from scipy.stats import chi2
+
+from compare.plots_style import (
+    INK,
+    Plot,
+    figure,
+    method_colour,
+    stride,
+    to_svg,
+)
+from compare.record import Record
+from graphslam.estimate import Estimate
+from graphslam.geometry import Array
+from graphslam.measurements import IntArray
+
+MOST_BINS = 240
+NIS_PROBABILITY = 0.95
+SMALLEST_NIS = 1e-3
+"""What is smaller is drawn here, on the logarithmic axis."""
+
+
+def sightings_per_node(record: Record) -> Plot:
+    """Returns how many sightings each node has, over time, and how many the methods use."""
+    measurements = record.measurements
+    made, [[ax]] = figure(2.3)
+    count = len(measurements.t)
+    step = stride(count, MOST_BINS)
+    edges = np.append(measurements.t[::step], measurements.t[-1]) - measurements.t[0]
+    if count == 1:
+        edges = np.array([0.0, 1.0])
+    nodes = [table.node for _, table in measurements.tables()]
+    seen = _mean_per_bin(np.concatenate([np.zeros(0, int), *nodes]), count, step)
+    ax.stairs(seen, edges, color=INK, alpha=0.16, fill=True, lw=0, label="seen")
+    for name, estimate in record.estimates.items():
+        if estimate.used.any():
+            used = np.concatenate(
+                [t.node[estimate.used[f : f + len(t)]] for f, t in measurements.tables()]
+            )
+            values = _mean_per_bin(used, count, step)
+            ax.stairs(values, edges, color=method_colour(name), lw=1.1, label=f"used by {name}")
+    ax.set(
+        xlabel="time (s)", ylabel="sightings per node", ylim=(0.0, None), xlim=(edges[0], edges[-1])
+    )
+    made.legend(loc="outside upper left", ncols=5)
+    mean = f", mean over {step} nodes" if step > 1 else ""
+    return Plot(
+        "sightings",
+        "Sightings over time",
+        f"Sightings of all kinds at each node{mean}: what the front-end saw, and what each method "
+        "used. Time from the first node, seconds.",
+        to_svg(made, "sightings", "Sightings per node over time"),
+    )
+
+
+def _mean_per_bin(node: Array, count: int, step: int) -> Array:
+    per_node = np.bincount(node.astype(int), minlength=count).astype(float)
+    starts = np.arange(0, count, step)
+    return np.add.reduceat(per_node, starts) / np.diff(np.append(starts, count))
+
+
+def innovations(record: Record) -> Plot | None:
+    """Returns the normalised innovations squared over time; None where no method has any."""
+    names = [n for n, e in record.estimates.items() if np.isfinite(e.nis).any()]
+    if not names:
+        return None
+    tables = [(f, t) for f, t in record.measurements.tables() if len(t)]
+    made, grid = figure(2.5 * len(tables) + 0.2, len(tables), len(names), sharex=True, sharey="row")
+    for row, (first, table) in enumerate(tables):
+        t = record.measurements.t[table.node] - record.measurements.t[0]
+        for ax, name in zip(grid[row], names, strict=True):
+            nis = record.estimates[name].nis[first : first + len(table)]
+            _innovation_panel(ax, name, t, nis, table.z.shape[1])
+        grid[row][0].set_ylabel(f"NIS, {table.kind.replace('_', ' ')}")
+    for ax in grid[-1]:
+        ax.set_xlabel("time (s)")
+    return Plot(
+        "nis",
+        "Normalised innovations",
+        "Squared error of each used sighting over its expected variance, without unit; the band "
+        f"holds {NIS_PROBABILITY:.0%} if the noise is as stated (chi-square). The filter's is a "
+        "prediction before the update; the smoother's is a residual after it, over the sighting's "
+        "own noise, so it runs smaller. More above the band: noise stated too small, or wrong "
+        "matches.",
+        to_svg(made, "nis", "Normalised innovations squared over time"),
+    )
+
+
+def _innovation_panel(ax: Axes, name: str, t: Array, nis: Array, dim: int) -> None:
+    outside = 0.5 * (1.0 - NIS_PROBABILITY)
+    low, high = chi2.ppf([outside, 1.0 - outside], dim)
+    known = np.flatnonzero(np.isfinite(nis))
+    inside = (nis[known] >= low) & (nis[known] <= high)
+    share = f": {inside.mean():.0%} inside" if len(known) else ""
+    ax.set_title(f"{name}{share}", loc="left", color=method_colour(name), weight="bold")
+    ax.axhspan(low, high, color=INK, alpha=0.08, lw=0)
+    chosen = known[:: stride(len(known))]
+    style: dict[str, Any] = {"ms": 3.2, "mew": 0, "alpha": 0.7, "color": method_colour(name)}
+    ax.plot(t[chosen], np.maximum(nis[chosen], SMALLEST_NIS), ".", **style)
+    ax.set_yscale("log")
+
+
+def matches_per_line(record: Record) -> Plot | None:
+    """Returns right, wrong and unjudged matches of every map line; None without a map."""
+    estimates = {n: e for n, e in record.estimates.items() if len(e.map)}
+    if not estimates:
+        return None
+    made, grid = figure(1.75 * len(estimates) + 0.5, len(estimates), 1)
+    for [ax], (name, estimate) in zip(grid, estimates.items(), strict=True):
+        _match_bars(ax, record.match_counts(name), method_colour(name))
+        _landmark_axis(ax, estimate)
+        ax.set_title(name, loc="left", color=method_colour(name), weight="bold")
+    grid[-1][0].set_xlabel("landmark (number in the method's map.csv)")
+    return Plot(
+        "matches",
+        "Matches per line",
+        "Sightings that each method gave to each of its landmarks. Right: the sighting's true line "
+        "is the one that most of the landmark's sightings are of; wrong: it is another; not "
+        "judged: it is not known.",
+        to_svg(made, "matches", "Right and wrong matches of every landmark"),
+    )
+
+
+def _match_bars(ax: Axes, counts: IntArray, colour: str) -> None:
+    right, wrong, unknown = counts.T
+    at, bad = np.arange(len(counts)), wrong > 0
+    below = right + unknown
+    hatched: dict[str, Any] = {"fc": "none", "ec": INK, "hatch": "////", "lw": 0.6}
+    ax.bar(at, right, 0.72, color=colour)
+    ax.bar(at, unknown, 0.72, bottom=right, color=colour, alpha=0.35)
+    ax.bar(at[bad], wrong[bad], 0.72, bottom=below[bad], **hatched)
+    ax.set_ylabel("matches")
+    handles = [
+        Patch(color=colour, label="right"),
+        Patch(color=colour, alpha=0.35, label="not judged"),
+        Patch(label="wrong", **hatched),
+    ]
+    place: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}
+    ax.legend(handles=handles, ncols=3, borderaxespad=0.1, **place)
+
+
+def _landmark_axis(ax: Axes, estimate: Estimate) -> None:
+    count = len(estimate.map)
+    every = stride(count, 40)
+    ax.set_xticks(np.arange(0, count, every), [str(i) for i in estimate.map.id[::every]])
+    ax.set_xlim(-0.6, count - 0.4)
+    ax.yaxis.set_major_locator(MaxNLocator(4, integer=True))
+    ax.grid(False, axis="x")

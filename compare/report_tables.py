@@ -1,0 +1,218 @@
+"""What the report's tables of lines, matches and rejections say, as texts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from compare.record import Record
+
+DASH = "–"
+
+
+def number(value: float | int | None, digits: int = 3) -> str:
+    """Returns a number with ``digits`` significant digits, integers whole, None as a dash."""
+    if value is None or not math.isfinite(value):
+        return DASH
+    if isinstance(value, int):
+        text = f"{value:,}"
+    elif abs(value) >= 10 ** (digits - 1):
+        text = f"{value:,.0f}"
+    elif abs(value) < 0.5e-6:
+        text = "0"
+    else:
+        decimals = digits - 1 - math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+        text = f"{value:.{min(decimals, 6)}f}"
+    return text.replace("-", "−")
+
+
+def fixed(value: float | None, decimals: int) -> str:
+    """Returns a number with so many decimals, None as a dash."""
+    if value is None or not math.isfinite(value):
+        return DASH
+    return f"{round(value, decimals) + 0.0:.{decimals}f}".replace("-", "−")
+
+
+def landmarks(record: Record) -> dict[str, Any] | None:
+    """Returns the table of lines, against the truth where there is one; None without lines."""
+    methods = {n: m["map"] for n, m in record.metrics["methods"].items() if m["map"]}
+    if methods:
+        return _against_truth(record, methods)
+    return _without_truth(record)
+
+
+def _against_truth(record: Record, maps: Mapping[str, Any]) -> dict[str, Any]:
+    truth = record.truth
+    by_line: dict[str, dict[int, Any]] = {}
+    spurious: dict[str, list[Any]] = {}
+    for name, figures in maps.items():
+        first = [row for row in figures["lines"] if row["status"] in ("matched", "unseen")]
+        by_line[name] = {row["true_line"]: row for row in reversed(first)}
+        spurious[name] = [r for r in figures["lines"] if r not in by_line[name].values()]
+    rows = []
+    for i, line in enumerate(truth.line_id.tolist()):
+        found = [by_line[name].get(line) for name in maps]
+        if any(found):
+            known = [fixed(truth.lines[i, 0], 4), fixed(math.degrees(truth.lines[i, 1]), 2)]
+            rows.append({"line": line, "truth": known, "methods": [_cells(row) for row in found]})
+    for k in range(max(len(extra) for extra in spurious.values())):
+        found = [extra[k] if k < len(extra) else None for extra in spurious.values()]
+        rows.append({"line": "extra", "truth": [DASH, DASH], "methods": [_cells(r) for r in found]})
+    return {
+        "title": "Landmarks",
+        "truth": True,
+        "methods": list(maps),
+        "headings": ["ρ (m)", "α (°)", "offset ± σ (mm)", "Δα ± σ (°)", "seen"],
+        "rows": rows,
+        "caption": "ρ and α in the truth’s frame, after the map’s own rigid motion. Offset and Δα: "
+        "estimate minus truth, the offset across the line at the middle of the seen stretch, with "
+        "the method’s own σ. Seen: sightings behind the line. Extra: lines that are duplicates or "
+        "no true lines.",
+    }
+
+
+def _cells(row: Mapping[str, Any] | None) -> list[str]:
+    if row is None:
+        return [DASH] * 5
+    offset, sigma = (fixed(_scaled(row[key]), 2) for key in ("offset_m", "sigma_offset_m"))
+    return [
+        fixed(row["rho_m"], 4),
+        fixed(_alpha_deg(row), 2),
+        f"{offset} ± {sigma}",
+        f"{fixed(row['d_alpha_deg'], 3)} ± {fixed(row['sigma_alpha_deg'], 3)}",
+        number(row["sightings"]),
+    ]
+
+
+def _alpha_deg(row: Mapping[str, Any]) -> float:
+    """Returns a line's angle without a jump of a whole turn against the true line's."""
+    if row["d_alpha_deg"] is None:
+        return float(row["alpha_deg"])
+    return float(row["alpha_true_deg"] + row["d_alpha_deg"])
+
+
+def _scaled(metres: float | None) -> float | None:
+    return None if metres is None else 1e3 * metres
+
+
+def _without_truth(record: Record) -> dict[str, Any] | None:
+    """Returns the lines of the last method that has any, and how the one before it differs."""
+    names = [n for n, e in record.estimates.items() if len(e.map.of_kind("line")[0])]
+    if not names:
+        return None
+    name = names[-1]
+    estimate = record.estimates[name]
+    differences = _differences(record, names)
+    rows = []
+    numbers, lines = estimate.map.of_kind("line")
+    for row, line in zip(numbers.tolist(), lines, strict=True):
+        cov = estimate.landmark_cov(row)
+        low, high = estimate.map.extent[row]
+        cells = [
+            fixed(line[0], 4),
+            fixed(math.degrees(line[1]), 2),
+            fixed(1e3 * math.sqrt(cov[0, 0]), 2),
+            fixed(math.degrees(math.sqrt(cov[1, 1])), 3),
+            fixed(high - low, 2),
+            *[fixed(value, 2 + i) for i, value in enumerate(differences.get(row, (None, None)))],
+            number(int(estimate.map.sightings[row])),
+        ]
+        rows.append({"line": int(estimate.map.id[row]), "truth": [], "methods": [cells]})
+    other = f"{names[-2]} minus {name}" if len(names) > 1 else "no other map to compare with"
+    return {
+        "title": "Landmarks",
+        "truth": False,
+        "methods": [name],
+        "headings": [
+            "ρ (m)", "α (°)", "σ ρ (mm)", "σ α (°)", "length seen (m)", "differs (mm)", "by (°)",
+            "sightings",
+        ],
+        "rows": rows,
+        "caption": "Floor frame. σ of ρ at the origin grows with the distance of the stretch from "
+        f"it. Differs: {other}, across the line at the middle of the common stretch.",
+    }  # fmt: skip
+
+
+def _differences(record: Record, names: Sequence[str]) -> dict[int, tuple[float, float]]:
+    """Returns offset (mm) and angle (°) of the last but one map minus the last, by its rows."""
+    found: dict[int, tuple[float, float]] = {}
+    for entry in record.metrics["agreement"]:
+        if entry["map"] and {entry["first"], entry["second"]} == set(names[-2:]):
+            sign, key = (1.0, "row_first") if entry["first"] == names[-1] else (-1.0, "row_second")
+            for row in entry["map"]["differences"]:
+                found[row[key]] = (sign * 1e3 * row["offset_m"], sign * row["d_alpha_deg"])
+    return found
+
+
+def matching(metrics: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Returns the table of what sightings were taken for; None where nothing tells."""
+    tables = {n: m["matching"] for n, m in metrics["methods"].items() if m["matching"]}
+    if not tables:
+        return None
+    found: dict[str, dict[tuple[str, int], Any]] = {
+        name: {(row["kind"], row["true_landmark"]): row for row in table["landmarks"]}
+        for name, table in tables.items()
+    }
+    keys = sorted(set().union(*found.values()))
+    rows = [
+        {"line": key[1], "methods": [_matching_cells(found[name].get(key)) for name in tables]}
+        for key in keys
+    ]
+    totals = [
+        {
+            **table,
+            "incorrect": table["identifications"] - table["correct"],
+            "hit_rate": table["right_share"],
+        }
+        for table in tables.values()
+    ]
+    rows.append({"line": "all", "methods": [_matching_cells(total) for total in totals]})
+    return {"methods": list(tables), "rows": rows}
+
+
+def _matching_cells(row: Mapping[str, Any] | None) -> list[str]:
+    if row is None:
+        return [DASH] * 5
+    rate = DASH if row["hit_rate"] is None else f"{row['hit_rate']:.1%}"
+    counts = [number(row[k]) for k in ("identifications", "correct", "incorrect")]
+    return [*counts, rate, number(row["unknown"])]
+
+
+def facts(record: Record) -> list[dict[str, str]]:
+    """Returns what the head of the report says about the log."""
+    measurements = record.measurements
+    increment = measurements.odometry.increment
+    driven = float(np.hypot(increment[:, 0], increment[:, 1]).sum())
+    tables = [table for _, table in measurements.tables()]
+    return [
+        {"label": "Nodes", "value": f"{len(measurements.t):,}"},
+        {"label": "Duration", "value": f"{measurements.t[-1] - measurements.t[0]:,.1f} s"},
+        {"label": "Distance by odometry", "value": f"{driven:,.2f} m"},
+        *(
+            {"label": f"Sightings, {table.kind.replace('_', ' ')}", "value": f"{len(table):,}"}
+            for table in tables
+        ),
+        {"label": "Truth", "value": _truth(record)},
+        {"label": "Version", "value": str(record.info["versions"]["floorline-slam"])},
+    ]
+
+
+def _truth(record: Record) -> str:
+    parts = ["path"] if record.has_true_pose else []
+    if len(record.truth.lines):
+        parts.append(f"{len(record.truth.lines)} lines")
+    return " and ".join(parts) or "none"
+
+
+def rejected(record: Record) -> list[dict[str, str]]:
+    """Returns what was left out, by whom and why."""
+    named = {"front-end": record.info["rejected"], **record.info["counts"]}
+    return [
+        {"by": by, "reason": reason, "count": number(int(count))}
+        for by, counts in named.items()
+        for reason, count in counts.items()
+        if count
+    ]

@@ -1,0 +1,199 @@
+"""The folder that a run writes: formats of its files, and how it comes to its place whole."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from graphslam.arrays import AnyArray
+from graphslam.errors import BadConfig
+from graphslam.estimate import Estimate
+from graphslam.geometry import Array
+from graphslam.measurements import Measurements, Sightings
+
+RUN_FORMAT = "graphslam-run/1"
+
+UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+"""Entries of a pose covariance in the order of `trajectory.csv`."""
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Writes JSON with numbers that are not finite as null; equal content gives equal bytes."""
+    text = json.dumps(_plain(content), indent=2, ensure_ascii=False, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8", newline="\n")
+
+
+def write_csv(path: Path, columns: Mapping[str, Sequence[Any] | AnyArray]) -> None:
+    """Writes columns of equal length; floats by their shortest exact text, NaN as nothing."""
+    texts = [[_text(value) for value in np.asarray(column).tolist()] for column in columns.values()]
+    rows = [",".join(columns), *(",".join(row) for row in zip(*texts, strict=True))]
+    path.write_text("\n".join(rows) + "\n", encoding="utf-8", newline="\n")
+
+
+def write_sightings(path: Path, measurements: Measurements, table: Sightings) -> None:
+    """Writes line sightings as a log folder's ``sightings.csv``: what the detector saw."""
+    columns: dict[str, AnyArray] = {
+        "t": measurements.t[table.node],
+        "rho": table.z[:, 0],
+        "alpha": table.z[:, 1],
+        **_covariance_columns(table.cov),
+    }
+    if not np.isnan(table.extent).all():
+        columns |= {"s_min": table.extent[:, 0], "s_max": table.extent[:, 1]}
+    write_csv(path, columns | {"line": table.truth, "t_received": table.t_received})
+
+
+def write_estimate(
+    folder: Path, measurements: Measurements, estimate: Estimate, true_landmark: AnyArray
+) -> None:
+    """Writes one method's folder.
+
+    Args:
+        folder: made here; must not exist.
+        measurements: what the estimate was made from.
+        estimate: the method's result.
+        true_landmark: (K,) true landmark of each sighting, -1 where unknown.
+    """
+    folder.mkdir()
+    _write_tum(folder / "trajectory.tum", estimate.t, estimate.pose)
+    pose = dict(zip(("x", "y", "theta"), estimate.pose.T, strict=True))
+    cov = {f"cov_{'xyt'[a]}{'xyt'[b]}": estimate.cov_floor[:, a, b] for a, b in UPPER}
+    write_csv(folder / "trajectory.csv", {"t": estimate.t, **pose, **cov})
+    _write_map(folder / "map.csv", estimate)
+    _write_matches(folder / "matches.csv", measurements, estimate, true_landmark)
+    estimate.save(folder / "estimate.npz")
+
+
+def _write_tum(path: Path, t: Array, pose: Array) -> None:
+    half = 0.5 * pose[:, 2]
+    zero = np.zeros(len(t))
+    columns = [t, pose[:, 0], pose[:, 1], zero, zero, zero, np.sin(half), np.cos(half)]
+    rows = (" ".join(map(_text, row)) for row in np.column_stack(columns).tolist())
+    path.write_text("\n".join(rows) + "\n", encoding="utf-8", newline="\n")
+
+
+def _write_map(path: Path, estimate: Estimate) -> None:
+    rows, lines = estimate.map.of_kind("line")
+    cov = np.array([estimate.landmark_cov(int(row)) for row in rows]).reshape(-1, 2, 2)
+    extent = estimate.map.extent[rows]
+    columns: dict[str, AnyArray] = {
+        "line": estimate.map.id[rows],
+        "rho": lines[:, 0] if len(rows) else np.zeros(0),
+        "alpha": lines[:, 1] if len(rows) else np.zeros(0),
+        **_covariance_columns(cov),
+        "s_min": extent[:, 0],
+        "s_max": extent[:, 1],
+        "sightings": estimate.map.sightings[rows],
+    }
+    write_csv(path, columns)
+
+
+def _write_matches(
+    path: Path, measurements: Measurements, estimate: Estimate, true_landmark: AnyArray
+) -> None:
+    tables = [table for _, table in measurements.tables()]
+    node = np.concatenate([np.zeros(0, np.int64), *(table.node for table in tables)])
+    ids = np.append(estimate.map.id, -1)
+    write_csv(
+        path,
+        {
+            "t": measurements.t[node],
+            "node": node,
+            "kind": [table.kind for table in tables for _ in range(len(table))],
+            "sighting": [row for table in tables for row in range(len(table))],
+            "landmark": ids[estimate.match],
+            "true_landmark": true_landmark,
+            "nis": estimate.nis,
+            "weight": estimate.weight,
+        },
+    )
+
+
+def _covariance_columns(cov: Array) -> dict[str, AnyArray]:
+    return {"cov_rr": cov[:, 0, 0], "cov_ra": cov[:, 0, 1], "cov_aa": cov[:, 1, 1]}
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, float):
+        return "" if math.isnan(value) else repr(value)
+    return str(value)
+
+
+def _plain(value: Any) -> Any:
+    """Returns ``value`` in types that JSON knows."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, tuple | list):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+# ---- the folder as a whole --------------------------------------------------------------------
+
+
+def read_run(folder: Path) -> dict[str, Any]:
+    """Returns the content of a run folder's ``run.json``.
+
+    Raises:
+        BadConfig: the folder is not one that a run wrote.
+    """
+    path = folder / "run.json"
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        ours = isinstance(content, dict) and content.get("format") == RUN_FORMAT
+    except (OSError, ValueError, RecursionError):
+        ours = False
+    if not ours:
+        raise BadConfig(f"{folder}: holds no run.json of a run; give a folder that `run` wrote")
+    return content
+
+
+def check_replaceable(folder: Path) -> None:
+    """Raises BadConfig where ``folder`` exists and is not the folder of an earlier run."""
+    if not (folder.exists() or folder.is_symlink()):
+        return
+    try:
+        read_run(folder)
+    except BadConfig:
+        raise BadConfig(
+            f"{folder}: exists and was not written by this program (no run.json of ours), so it is "
+            "not replaced; give another --out, or move it away"
+        ) from None
+
+
+@contextmanager
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """Gives an empty folder beside ``folder`` to fill; it takes the final name when all is written.
+
+    An earlier run's folder is replaced then, and only then. If filling fails nothing is left.
+
+    Raises:
+        BadConfig: ``folder`` exists and is not the folder of an earlier run.
+    """
+    folder = folder.resolve()
+    check_replaceable(folder)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=f".{folder.name}.partial-", dir=folder.parent) as beside:
+        fresh, old = Path(beside) / "new", Path(beside) / "old"
+        fresh.mkdir()
+        yield fresh
+        check_replaceable(folder)
+        if folder.exists():
+            folder.rename(old)
+        try:
+            fresh.rename(folder)
+        except OSError:
+            if old.exists():
+                old.rename(folder)
+            raise

@@ -1,0 +1,246 @@
+"""The main job: a log to measurements, estimates, their comparison and a folder of results."""
+
+from __future__ import annotations
+
+import json
+import platform
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, TypeVar
+
+from compare.comparison import Comparison, compare
+from compare.config import RunConfig
+from compare.methods import run_methods
+from compare.record import Record, truth_at_nodes
+from compare.report import IndexEntry, check_index, write_index, write_report
+from compare.results import RUN_FORMAT, check_replaceable, whole_folder, write_json
+from compare.truth import truth_of
+from frontend.extract import extract, extraction_warnings
+from frontend.log import Log, open_log
+from graphslam.estimate import Estimate
+from graphslam.measurements import Measurements
+
+T = TypeVar("T")
+Progress = Callable[[str, int, int], None]
+"""Called with a stage's name, how much of it is done, and of how much."""
+
+RESULTS = Path("results")
+PACKAGES = ("floorline-slam", "numpy", "scipy", "numba", "gtsam", "opencv-python-headless")
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """What a run made of one log.
+
+    Attributes:
+        folder: where it was written.
+        log: the recording.
+        measurements: what was extracted from it.
+        estimates: by method; empty after `extract_log`.
+        comparison: the estimates judged; None after `extract_log`.
+    """
+
+    folder: Path
+    log: Log
+    measurements: Measurements
+    estimates: dict[str, Estimate]
+    comparison: Comparison | None
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """One of several logs.
+
+    Attributes:
+        path: the log as it was named.
+        result: what came out; None where it failed.
+        error: why it failed; None where it did not.
+    """
+
+    path: Path
+    result: RunResult | None
+    error: Exception | None
+
+
+def run_log(
+    path: Path | str,
+    out: Path | str | None = None,
+    config: RunConfig | None = None,
+    progress: Progress | None = None,
+) -> RunResult:
+    """Extracts, estimates, compares and reports; writes the result folder.
+
+    Args:
+        path: the log.
+        out: the result folder; ``results/<log name>`` where None. The folder of an earlier run is
+            replaced, any other is refused.
+        config: what to compute; None for the defaults.
+        progress: told about each stage.
+
+    Raises:
+        BadLog: the log cannot be used.
+        BadConfig: the folder or the configuration cannot be used.
+        OSError: the folder cannot be written.
+    """
+    log = open_log(path)
+    return _run(log, RESULTS / log.name if out is None else Path(out), config, progress)
+
+
+def run_logs(
+    paths: Sequence[Path | str],
+    out: Path | str | None = None,
+    config: RunConfig | None = None,
+    progress: Progress | None = None,
+) -> tuple[Outcome, ...]:
+    """Runs several logs, each into ``out/<log name>``, and writes ``out/index.html``.
+
+    A log that fails does not stop the others. Logs of one name get -2, -3, ... in their order.
+
+    Args:
+        paths: the logs.
+        out: folder of the result folders; ``results`` where None.
+        config: what to compute; None for the defaults.
+        progress: told about each stage of each log.
+
+    Raises:
+        BadConfig: ``out`` holds an index.html that is not ours.
+        OSError: the index cannot be written.
+    """
+    out = RESULTS if out is None else Path(out)
+    check_index(out)
+    taken: set[str] = set()
+    outcomes = tuple(_attempt(Path(path), out, taken, config, progress) for path in paths)
+    write_index(out, [_index_entry(outcome) for outcome in outcomes])
+    return outcomes
+
+
+def extract_log(
+    path: Path | str,
+    out: Path | str,
+    config: RunConfig | None = None,
+    progress: Progress | None = None,
+) -> RunResult:
+    """Turns a log into measurements: run.json, measurements.npz and sightings.csv, as `run_log`.
+
+    Args:
+        path: the log.
+        out: the folder; that of an earlier run is replaced, any other is refused.
+        config: its ``extract`` part counts; None for the defaults.
+        progress: told about each image.
+
+    Raises:
+        BadLog: the log cannot be used.
+        BadConfig: the folder or the configuration cannot be used.
+        OSError: the folder cannot be written.
+    """
+    log, config, out = open_log(path), config or RunConfig(), Path(out)
+    check_replaceable(out)
+    clock = _Clock(progress, log)
+    measurements = clock("extract", lambda: extract(log, config.extract, clock.inside("extract")))
+    info = _info(log, measurements, config, {})
+    with whole_folder(out) as folder:
+        Record(info, measurements, {}, {}, truth_of(log, measurements), {}).save(folder)
+    return RunResult(out, log, measurements, {}, None)
+
+
+def _run(log: Log, out: Path, config: RunConfig | None, progress: Progress | None) -> RunResult:
+    config = config or RunConfig()
+    check_replaceable(out)
+    clock = _Clock(progress, log)
+    measurements = clock("extract", lambda: extract(log, config.extract, clock.inside("extract")))
+    estimates = run_methods(measurements, config, clock)
+    comparison = clock("compare", lambda: compare(log, measurements, list(estimates.values())))
+    record = Record(
+        _info(log, measurements, config, estimates),
+        measurements,
+        estimates,
+        comparison.to_dict(),
+        truth_at_nodes(comparison.truth, measurements),
+        clock.seconds,
+    )
+    with whole_folder(out) as folder:
+        clock("write", lambda: record.save(folder))
+        clock("report", lambda: write_report(record, folder))
+        write_json(folder / "timings.json", clock.seconds)
+    return RunResult(out, log, measurements, estimates, comparison)
+
+
+def _attempt(
+    path: Path, out: Path, taken: set[str], config: RunConfig | None, progress: Progress | None
+) -> Outcome:
+    try:
+        log = open_log(path)
+        name, number = log.name, 1
+        while name in taken:
+            number += 1
+            name = f"{log.name}-{number}"
+        taken.add(name)
+        return Outcome(path, _run(log, out / name, config, progress), None)
+    except Exception as error:  # whatever it is, the other logs go on
+        return Outcome(path, None, error)
+
+
+def _index_entry(outcome: Outcome) -> IndexEntry:
+    if outcome.result is None:
+        return IndexEntry(str(outcome.path), None, {}, str(outcome.error))
+    result = outcome.result
+    metrics = {} if result.comparison is None else result.comparison.to_dict()
+    return IndexEntry(result.log.name, result.folder.name, metrics, "")
+
+
+class _Clock:
+    """Times stages by name and tells about them."""
+
+    def __init__(self, progress: Progress | None, log: Log) -> None:
+        self.progress, self.log = progress, log
+        self.seconds: dict[str, float] = {}
+
+    def __call__(self, stage: str, work: Callable[[], T]) -> T:
+        self.tell(stage, 0, 1)
+        began = time.perf_counter()
+        done = work()
+        self.seconds[stage] = round(time.perf_counter() - began, 4)
+        self.tell(stage, 1, 1)
+        return done
+
+    def tell(self, stage: str, done: int, total: int) -> None:
+        if self.progress is not None:
+            self.progress(f"{self.log.name}: {stage}", done, total)
+
+    def inside(self, stage: str) -> Callable[[int, int], None]:
+        """Returns a callback for progress within a stage."""
+        return lambda done, total: self.tell(stage, done, total)
+
+
+def _info(
+    log: Log, measurements: Measurements, config: RunConfig, estimates: dict[str, Estimate]
+) -> dict[str, Any]:
+    """Returns the content of run.json: nothing in it depends on when or where the run was made."""
+    warnings = (*log.warnings, *extraction_warnings(log, measurements))
+    content = {
+        "format": RUN_FORMAT,
+        "log": {"name": log.name, "digest": log.digest, "start_given": log.start_given},
+        "methods": list(estimates),
+        "config": asdict(config),
+        "seed": None,
+        "versions": _versions(),
+        "nodes": len(measurements.t),
+        "sightings": {kind: len(table) for kind, table in measurements.sightings.items()},
+        "rejected": dict(measurements.rejected),
+        "counts": {name: dict(estimate.counts) for name, estimate in estimates.items()},
+        "warnings": [text.replace(str(log.folder), log.folder.name) for text in warnings],
+    }
+    return dict(json.loads(json.dumps(content)))
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found

@@ -1,0 +1,280 @@
+"""The report: complete, offline, escaped, and the same when written again from its folder."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from compare.config import RunConfig
+from compare.plots_sightings import matches_per_line
+from compare.plots_style import MOST_POINTS, stride, style
+from compare.record import Record
+from compare.report import rebuild_report, write_report
+from compare.report_summary import summary
+from compare.report_tables import fixed, number
+from compare.run import RunResult, run_log
+from graphslam.errors import BadConfig, BadMeasurements
+from tests.compare.tiny_log import write_tiny_log
+
+VOID = {"meta", "link", "br", "img", "hr", "input"}
+SECTIONS = ["verdict", "methods", "plan", "errors", "map", "matches", "sightings"]
+SECTIONS += ["quality", "timings", "reading"]
+
+
+class Page(HTMLParser):
+    """Collects what the tests ask about a page, and whether every element is closed."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[str] = []
+        self.ids: list[str] = []
+        self.references: list[str] = []
+        self.words: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        if tag not in VOID:
+            self.open.append(tag)
+        for name, value in attrs:
+            if name == "id":
+                self.ids.append(value or "")
+            if name in ("src", "href", "xlink:href", "action", "data"):
+                self.references.append(value or "")
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open, f"</{tag}> closes nothing"
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] != "style":
+            self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.words).split())
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
+    folder = tmp_path_factory.mktemp("report")
+    return run_log(write_tiny_log(folder / "log"), folder / "out")
+
+
+@pytest.fixture(scope="module")
+def record(result: RunResult) -> Record:
+    return Record.load(result.folder)
+
+
+@pytest.fixture(scope="module")
+def page(result: RunResult) -> Page:
+    return Page((result.folder / "report.html").read_text())
+
+
+def test_the_page_is_well_formed_and_has_every_section(page: Page) -> None:
+    assert page.open == []
+    assert [i for i in page.ids if i in SECTIONS] == SECTIONS
+    assert len(set(page.ids)) == len(page.ids)
+
+
+def test_the_page_needs_nothing_from_elsewhere(result: RunResult, page: Page) -> None:
+    assert page.references
+    assert all(reference.startswith("#") for reference in page.references)
+    assert not {"script", "link", "img", "iframe", "object"} & set(page.tags)
+    html = (result.folder / "report.html").read_text()
+    assert "@import" not in html
+    assert all(target.startswith("#") for target in re.findall(r"url\(['\"]?(.)", html))
+    assert "default-src 'none'" in html
+
+
+def test_every_reference_within_the_page_has_its_target(result: RunResult, page: Page) -> None:
+    html = (result.folder / "report.html").read_text()
+    targets = {r[1:] for r in page.references} | set(re.findall(r"url\(#([^)]+)\)", html))
+    assert targets <= set(page.ids)
+
+
+def test_the_page_says_the_figures_and_the_verdict(result: RunResult, page: Page) -> None:
+    metrics = json.loads((result.folder / "metrics.json").read_text())
+    for sentence in metrics["verdict"]:
+        assert " ".join(sentence.split()) in page.text
+    for figures in metrics["methods"].values():
+        assert number(1e3 * figures["trajectory"]["rmse_m"]) in page.text
+    assert "60" in page.text
+    assert f"{result.measurements.sighting_count}" in page.text
+    assert "95%" in page.text
+
+
+def test_strings_of_the_log_are_escaped(record: Record, tmp_path: Path) -> None:
+    evil = "<script>alert(1)</script>"
+    info = json.loads(json.dumps(dict(record.info)))
+    info["log"]["name"] = evil
+    info["warnings"] = [f"{evil} & co"]
+    info["rejected"] = {evil: 3}
+    write_report(replace(record, info=info), tmp_path)
+    html = (tmp_path / "report.html").read_text()
+    assert "<script" not in html
+    assert f"{evil} & co" in Page(html).text
+
+
+def test_writing_it_again_from_the_folder_gives_the_same_bytes(
+    result: RunResult, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(result.folder, tmp_path / "moved")
+    before = {p.name: p.read_bytes() for p in (folder / "plots").iterdir()}
+    block = re.compile(rb"<!-- timings -->.*?<!-- /timings -->", re.DOTALL)
+    html = block.sub(b"", (folder / "report.html").read_bytes())
+    shutil.rmtree(folder / "plots")
+    (folder / "report.html").unlink()
+    assert rebuild_report(folder) == folder / "report.html"
+    assert block.sub(b"", (folder / "report.html").read_bytes()) == html
+    assert {p.name: p.read_bytes() for p in (folder / "plots").iterdir()} == before
+
+
+@pytest.mark.parametrize("name", ["metrics.json", "truth.npz", "ekf/estimate.npz"])
+def test_a_folder_with_a_missing_or_damaged_file_is_an_error_that_names_it(
+    result: RunResult, tmp_path: Path, name: str
+) -> None:
+    folder = shutil.copytree(result.folder, tmp_path / "damaged")
+    (folder / name).write_bytes(b"\x00 not what a run wrote")
+    with pytest.raises(BadMeasurements, match=Path(name).name):
+        rebuild_report(folder)
+    (folder / name).unlink()
+    with pytest.raises(BadMeasurements, match=Path(name).name):
+        rebuild_report(folder)
+
+
+def test_a_folder_that_no_run_wrote_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadConfig, match=r"run\.json"):
+        rebuild_report(tmp_path)
+
+
+def test_without_truth_the_page_says_so_and_shows_what_the_methods_claim(tmp_path: Path) -> None:
+    log = write_tiny_log(tmp_path / "log", truth=False)
+    result = run_log(log, tmp_path / "out")
+    text = Page((result.folder / "report.html").read_text()).text
+    assert "Uncertainty over time" in text
+    assert "no true path" in text
+    assert "Errors over time" not in text
+    assert "differs (mm)" in text
+
+
+def test_one_method_alone_still_has_a_report(tmp_path: Path) -> None:
+    log = write_tiny_log(tmp_path / "log", truth=False)
+    result = run_log(log, tmp_path / "out", RunConfig(methods=("odometry",)))
+    page = Page((result.folder / "report.html").read_text())
+    assert page.open == []
+    assert "plan" in page.ids
+    assert "matches" not in page.ids
+
+
+def test_plots_are_well_formed_undated_and_carry_what_they_show_as_text(result: RunResult) -> None:
+    plots = sorted((result.folder / "plots").iterdir())
+    names = ["errors", "floor-plan", "map-errors", "matches", "nis", "sightings"]
+    assert [p.stem for p in plots] == names
+    for path in plots:
+        text = path.read_text()
+        root = ElementTree.fromstring(text)
+        assert root.tag.endswith("svg")
+        assert root.get("aria-label")
+        assert "dc:date" not in text
+        assert "currentColor" in text
+    plan = (result.folder / "plots" / "floor-plan.svg").read_text()
+    for word in ("truth", "odometry", "ekf", "smoother", "start", "x (m)"):
+        assert f">{word}</text>" in plan
+
+
+def test_true_poses_begin_at_the_start_and_errors_wrap(record: Record) -> None:
+    assert np.allclose(record.true_pose[0], record.measurements.start_pose, atol=1e-9)
+    for name in record.estimates:
+        error = record.pose_error(name)
+        assert np.abs(error[:, 2]).max() <= np.pi
+        rmse = record.metrics["methods"][name]["trajectory"]["rmse_m"]
+        assert np.sqrt(np.mean(error[:, 0] ** 2 + error[:, 1] ** 2)) == pytest.approx(rmse)
+
+
+def test_true_lines_are_drawn_in_the_frame_of_the_true_path(record: Record) -> None:
+    table = record.measurements.sightings["line"]
+    rho, alpha = record.true_lines.T
+    pose = record.true_pose[table.node]
+    row = table.truth
+    distance = rho[row] - pose[:, 0] * np.cos(alpha[row]) - pose[:, 1] * np.sin(alpha[row])
+    assert np.abs(np.abs(distance) - np.abs(table.z[:, 0])).max() < 0.05
+
+
+def test_match_counts_add_up_to_the_used_sightings(record: Record) -> None:
+    for name in ("ekf", "smoother"):
+        estimate, counts = record.estimates[name], record.match_counts(name)
+        assert counts.shape == (len(estimate.map), 3)
+        assert counts.sum() == np.sum(estimate.used & (estimate.match >= 0))
+        assert counts[:, 0].sum() == record.metrics["methods"][name]["matching"]["correct"]
+
+
+def test_a_wrong_match_is_counted_and_drawn(record: Record) -> None:
+    landmark = record.truth.landmark.copy()
+    chosen = np.flatnonzero(record.estimates["ekf"].match == 0)[:2]
+    landmark[chosen] = [99, -1]
+    wrong = replace(record, truth=replace(record.truth, landmark=landmark))
+    before, after = record.match_counts("ekf")[0], wrong.match_counts("ekf")[0]
+    assert (after - before).tolist() == [-2, 1, 1]
+    with style():
+        plots = [matches_per_line(record), matches_per_line(wrong)]
+    assert plots[0] != plots[1]
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "–"),
+        (float("nan"), "–"),
+        (0.0, "0"),
+        (12, "12"),
+        (12345, "12,345"),
+        (3.14159, "3.14"),
+        (0.0123456, "0.0123"),
+        (-31.41, "−31.4"),
+        (9.996, "10.0"),
+        (999.6, "1,000"),
+        (1234.5, "1,234"),
+        (1e-9, "0"),
+    ],
+)
+def test_numbers_have_three_significant_digits(value: float | None, text: str) -> None:
+    assert number(value) == text
+
+
+def test_fixed_numbers_have_no_negative_zero() -> None:
+    assert fixed(-0.0, 2) == "0.00"
+    assert fixed(-0.001, 2) == "0.00"
+    assert fixed(-1.005, 1) == "−1.0"
+
+
+def test_the_best_of_a_row_is_marked_only_where_methods_differ() -> None:
+    path = {"rmse_m": 0.1, "final_error_m": 0.2, "heading_rmse_deg": 1.0}
+    methods = {"a": {"trajectory": path}, "b": {"trajectory": path | {"rmse_m": 0.05}}}
+    rows = summary({"methods": methods})[0]["rows"]
+    assert [[cell["best"] for cell in row["cells"]] for row in rows] == [
+        [False, True],
+        [False, False],
+        [False, False],
+    ]
+    assert [cell["text"] for cell in rows[0]["cells"]] == ["100", "50.0"]
+
+
+@pytest.mark.parametrize("count", [1, 1500, 1501, 100_000])
+def test_long_curves_are_thinned(count: int) -> None:
+    assert len(range(0, count, stride(count))) <= MOST_POINTS

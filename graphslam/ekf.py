@@ -11,8 +11,9 @@ from graphslam.baseline import propagate
 from graphslam.config import EkfConfig
 from graphslam.errors import BadMeasurements
 from graphslam.estimate import Estimate
-from graphslam.geometry import Array, compose, wrap
+from graphslam.geometry import Array, compose
 from graphslam.information import position_information, unobserved_directions
+from graphslam.kalman import JointState
 from graphslam.landmarks import finish_map, padded
 from graphslam.measurements import IntArray, Measurements, Sightings
 from graphslam.models import MODELS, Model
@@ -43,11 +44,7 @@ def run_ekf(
 
 
 class _Filter:
-    """The filter's state while it runs.
-
-    ``mean`` is the pose and all landmark parameters, ``P`` its covariance, floor frame. Both live
-    in buffers that double, so that growing costs nothing on average.
-    """
+    """One run of the filter: the joint state, and what became of each sighting."""
 
     def __init__(self, measurements: Measurements, config: EkfConfig, at: Estimate | None) -> None:
         if at is not None and (
@@ -55,10 +52,7 @@ class _Filter:
         ):
             raise BadMeasurements("linearise_at is an estimate from other measurements")
         self.measurements, self.config, self.at = measurements, config, at
-        self.size = 3
-        self._mean = np.zeros(64)
-        self._P = np.zeros((64, 64))
-        self.mean[:], self.P[:] = measurements.start_pose, measurements.start_cov
+        self.state = JointState(measurements.start_pose, measurements.start_cov)
         self.kinds: list[str] = []
         self.offsets: list[int] = []
         self.identity: list[int] = []
@@ -69,14 +63,6 @@ class _Filter:
         self.nis = np.full(count, np.nan)
         self.counts: Counter[str] = Counter()
         self.rejected_in_a_row = 0
-
-    @property
-    def mean(self) -> Array:
-        return self._mean[: self.size]
-
-    @property
-    def P(self) -> Array:
-        return self._P[: self.size, : self.size]
 
     def run(self) -> Estimate:
         measurements = self.measurements
@@ -93,26 +79,21 @@ class _Filter:
                     self.take_sightings(node, table, rows, first)
                     seen, used = seen + len(rows), used + int(self.used[first + rows].sum())
             self.notice_being_lost(seen, used)
-            pose[node], cov[node] = self.mean[:3], self.P[:3, :3]
+            pose[node], cov[node] = self.state.mean[:3], self.state.P[:3, :3]
         return self.finish(pose, cov)
 
     # ---- prediction ------------------------------------------------------------------------
 
     def predict(self, i: int) -> None:
         """Moves the state from node i to i + 1. Source: SantanaSLAM eq. (2)."""
-        odometry = self.measurements.odometry
+        odometry, state = self.measurements.odometry, self.state
         increment = odometry.increment[i]
         if self.at is None:
-            here, there = self.mean[:3].copy(), compose(self.mean[:3], increment)
+            here, there = state.mean[:3].copy(), compose(state.mean[:3], increment)
         else:
             here, there = self.at.pose[i], self.at.pose[i + 1]
         F, Q, offset = transition(here, there, increment, odometry.cov[i])
-        self.mean[:3] = there + F @ _pose_difference(self.mean[:3], here) + offset
-        self.mean[2] = wrap(self.mean[2])
-        P = self.P
-        P[:3, 3:] = F @ P[:3, 3:]
-        P[3:, :3] = P[:3, 3:].T
-        P[:3, :3] = F @ P[:3, :3] @ F.T + Q
+        state.move(there + F @ state.deviation(here) + offset, F, Q)
 
     # ---- sightings -------------------------------------------------------------------------
 
@@ -164,22 +145,24 @@ class _Filter:
     ) -> tuple[Array, Array]:
         """Returns residuals (k, M, d) and their covariances (k, M, d, d) for all pairs."""
         columns = self.columns(model, landmarks)
-        e, J_p, J_l = model.residual(self.mean[:3], self.mean[columns], table.z[rows, None])
-        P_pl = self.P[:3][:, columns].transpose(1, 0, 2)  # (M, 3, l)
-        P_ll = self.P[columns[:, :, None], columns[:, None, :]]  # (M, l, l)
-        cross = J_p @ P_pl @ np.swapaxes(J_l, -1, -2)
-        S = J_p @ self.P[:3, :3] @ np.swapaxes(J_p, -1, -2) + J_l @ P_ll @ np.swapaxes(J_l, -1, -2)
-        return e, S + cross + np.swapaxes(cross, -1, -2) + table.cov[rows, None]
+        mean = self.state.mean
+        e, J_p, J_l = model.residual(mean[:3], mean[columns], table.z[rows, None])
+        return e, self.state.innovation_covariance(J_p, J_l, columns, table.cov[rows])
 
     def columns(self, model: Model, landmarks: IntArray) -> IntArray:
         """Returns the places (M, l) of landmarks' parameters in the state."""
+        if not model.dim_landmark:
+            return np.zeros((len(landmarks), 0), np.int64)
         offsets = np.array([self.offsets[m] for m in landmarks], dtype=np.int64)
         return offsets[:, None] + np.arange(model.dim_landmark)
 
     def linearisation(self, node: int, model: Model, landmarks: IntArray) -> tuple[Array, Array]:
         """Returns the pose (3,) and landmarks (k, l) at which to linearise."""
         if self.at is None:
-            return self.mean[:3].copy(), self.mean[self.columns(model, landmarks)]
+            mean = self.state.mean.copy()
+            return mean[:3], mean[self.columns(model, landmarks)]
+        if not model.dim_landmark:
+            return self.at.pose[node], np.zeros((len(landmarks), 0))
         given = np.array([self.row_in_given[m] for m in landmarks], dtype=np.int64)
         return self.at.pose[node], self.at.map.params[given, : model.dim_landmark]
 
@@ -192,38 +175,15 @@ class _Filter:
         landmarks: IntArray,
         first: int,
     ) -> None:
-        """Updates the state with matched sightings of one node in one step.
-
-        Source: SantanaSLAM eq. (3), with H at the predicted mean (eq. (6) prints the last mean).
-        """
+        """Updates the state with matched sightings of one node in one step."""
         if not len(rows):
             return
-        d, count = model.dim_z, len(rows)
-        with_map = model.dim_landmark > 0
-        columns = self.columns(model, landmarks) if with_map else np.zeros((count, 0), int)
-        if with_map:
-            pose, params = self.linearisation(node, model, landmarks)
-        else:
-            pose = self.mean[:3].copy() if self.at is None else self.at.pose[node]
-            params = np.zeros((count, 0))
+        state, columns = self.state, self.columns(model, landmarks)
+        pose, params = self.linearisation(node, model, landmarks)
         e, J_p, J_l = model.residual(pose, params, table.z[rows])
-        innovation = -e - J_p @ _pose_difference(self.mean[:3], pose)
-        if with_map:
-            innovation -= (J_l @ (self.mean[columns] - params)[..., None])[..., 0]
-        PHt = np.einsum("nj,kij->nki", self.P[:, :3], J_p)
-        PHt += np.einsum("nkj,kij->nki", self.P[:, columns], J_l)
-        HPHt = np.einsum("kij,jlm->kilm", J_p, PHt[:3])
-        HPHt += np.einsum("kij,kjlm->kilm", J_l, PHt[columns])
-        S = HPHt.reshape(count * d, count * d)
-        blocks = np.arange(count)
-        S.reshape(count, d, count, d)[blocks, :, blocks, :] += table.cov[rows]
-        own = S.reshape(count, d, count, d)[blocks, :, blocks, :]
-        # S is tiny: its root's inverse costs less than a triangular solve that wakes BLAS threads
-        whiten = np.linalg.inv(np.linalg.cholesky(0.5 * (S + S.T)))
-        W, y = whiten @ PHt.reshape(self.size, -1).T, whiten @ innovation.ravel()
-        self.mean[:] += W.T @ y
-        self.mean[2] = wrap(self.mean[2])
-        self.P[:] -= W.T @ W
+        innovation = -e - J_p @ state.deviation(pose)
+        innovation -= (J_l @ (state.mean[columns] - params)[..., None])[..., 0]
+        own = state.correct(innovation, J_p, J_l, columns, table.cov[rows])
         self.match[first + rows] = landmarks
         self.used[first + rows] = True
         self.nis[first + rows] = mahalanobis(innovation, own)
@@ -231,14 +191,10 @@ class _Filter:
     def start_landmark(
         self, node: int, model: Model, table: Sightings, row: int, first: int
     ) -> bool:
-        """Adds a landmark with its full covariance, cross terms included; False if not yet.
-
-        Source: SantanaSLAM section 3.3; the covariance follows from pose and sighting through the
-        Jacobians, P_ll = J_pose P J_pose' + J_z R J_z'.
-        """
+        """Adds a landmark with its full covariance, cross terms included; False if not yet."""
         z, cov = table.z[row], table.cov[row]
         if self.at is None:
-            started = model.initialise(self.mean[:3], z, cov)
+            started = model.initialise(self.state.mean[:3], z, cov)
             if started is None:
                 return False
             landmark, J_pose, J_z = started
@@ -246,16 +202,10 @@ class _Filter:
             given = int(self.at.match[first + row])
             landmark, J_pose, J_z = self.start_at(node, model, z, given)
             self.row_in_given.append(given)
-        dim, old = model.dim_landmark, self.size
-        self.grow(old + dim)
-        self.mean[old:] = landmark
-        cross = J_pose @ self.P[:3, :old]
-        self.P[old:, :old], self.P[:old, old:] = cross, cross.T
-        self.P[old:, old:] = J_pose @ self.P[:3, :3] @ J_pose.T + J_z @ cov @ J_z.T
         self.match[first + row] = len(self.kinds)
         self.used[first + row] = True
         self.kinds.append(table.kind)
-        self.offsets.append(old)
+        self.offsets.append(self.state.add(landmark, J_pose, J_z @ cov @ J_z.T))
         self.identity.append(int(table.truth[row]))
         return True
 
@@ -271,19 +221,10 @@ class _Filter:
         inverse = np.asarray(np.linalg.inv(J_l), dtype=np.float64)
         J_pose = -inverse @ J_p
         return (
-            params - inverse @ e + J_pose @ _pose_difference(self.mean[:3], pose),
+            params - inverse @ e + J_pose @ self.state.deviation(pose),
             J_pose,
             inverse,
         )
-
-    def grow(self, size: int) -> None:
-        """Makes room for ``size`` state entries; what is there stays."""
-        if size > len(self._mean):
-            room = max(size, 2 * len(self._mean))
-            mean, P = np.zeros(room), np.zeros((room, room))
-            mean[: self.size], P[: self.size, : self.size] = self.mean, self.P
-            self._mean, self._P = mean, P
-        self.size = size
 
     def notice_being_lost(self, seen: int, used: int) -> None:
         """Doubles the pose's standard deviations after too many nodes with nothing accepted."""
@@ -293,8 +234,7 @@ class _Filter:
         if patience and self.rejected_in_a_row >= patience:
             self.counts["lost: every sighting rejected for several nodes"] += 1
             self.rejected_in_a_row = 0
-            self.P[:3] *= LOST_INFLATION
-            self.P[:, :3] *= LOST_INFLATION
+            self.state.inflate_pose(LOST_INFLATION)
 
     # ---- result ----------------------------------------------------------------------------
 
@@ -303,9 +243,9 @@ class _Filter:
         m = self.measurements
         dims = [MODELS[kind].dim_landmark for kind in self.kinds]
         params = padded(
-            [self.mean[o : o + d].copy() for o, d in zip(self.offsets, dims, strict=True)]
+            [self.state.mean[o : o + d] for o, d in zip(self.offsets, dims, strict=True)]
         )
-        joint = 0.5 * (self.P + self.P.T)
+        joint = 0.5 * (self.state.P + self.state.P.T)
         landmarks, joint = finish_map(m, pose, self.kinds, params, self.match, joint)
         information = position_information(m, pose, landmarks, self.match)
         _, cov_odometry = propagate(m)
@@ -324,10 +264,3 @@ class _Filter:
             unobserved=unobserved_directions(information, joint[:3, :3], cov_odometry[-1]),
             counts={reason: n for reason, n in sorted(self.counts.items()) if n},
         )
-
-
-def _pose_difference(a: Array, b: Array) -> Array:
-    """Returns ``a - b`` of floor-frame poses with the angle wrapped."""
-    d = a - b
-    d[..., 2] = wrap(d[..., 2])
-    return np.asarray(d)

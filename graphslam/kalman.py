@@ -1,0 +1,132 @@
+"""The linear algebra of a growing Kalman filter: a pose, then landmarks, one joint covariance."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from graphslam.geometry import Array, wrap
+from graphslam.measurements import IntArray
+
+
+class JointState:
+    """The mean of pose and landmarks and its covariance ``P``, floor frame.
+
+    Both live in buffers that double, so that growing costs nothing on average.
+
+    Attributes:
+        size: entries in use; the pose is the first three.
+    """
+
+    def __init__(self, pose: Array, cov: Array) -> None:
+        self.size = 3
+        self._mean = np.zeros(64)
+        self._P = np.zeros((64, 64))
+        self.mean[:], self.P[:] = pose, cov
+
+    @property
+    def mean(self) -> Array:
+        """(n,) pose, then landmark parameters in order of appearance; a writable view."""
+        return self._mean[: self.size]
+
+    @property
+    def P(self) -> Array:
+        """(n, n) covariance; a writable view."""
+        return self._P[: self.size, : self.size]
+
+    def deviation(self, pose: Array) -> Array:
+        """Returns the mean's pose minus ``pose`` (3,), angle wrapped."""
+        difference = self.mean[:3] - pose
+        difference[2] = wrap(difference[2])
+        return difference
+
+    def move(self, pose: Array, F: Array, Q: Array) -> None:
+        """Puts the pose at ``pose`` and its covariance through F (3, 3) and Q (3, 3).
+
+        Source: SantanaSLAM eq. (2), landmarks standing still.
+        """
+        self.mean[:3] = pose
+        self.mean[2] = wrap(self.mean[2])
+        P = self.P
+        P[:3, 3:] = F @ P[:3, 3:]
+        P[3:, :3] = P[:3, 3:].T
+        P[:3, :3] = F @ P[:3, :3] @ F.T + Q
+
+    def innovation_covariance(
+        self, J_pose: Array, J_landmark: Array, columns: IntArray, cov: Array
+    ) -> Array:
+        """Returns the covariances (k, M, d, d) of k sightings, each against M landmarks.
+
+        Args:
+            J_pose: (k, M, d, 3) Jacobians of the residuals.
+            J_landmark: (k, M, d, l) the same by the landmark.
+            columns: (M, l) places of the landmarks in the state.
+            cov: (k, d, d) covariances of the sightings.
+        """
+        P_pl = self.P[:3][:, columns].transpose(1, 0, 2)
+        P_ll = self.P[columns[:, :, None], columns[:, None, :]]
+        cross = J_pose @ P_pl @ np.swapaxes(J_landmark, -1, -2)
+        S = J_pose @ self.P[:3, :3] @ np.swapaxes(J_pose, -1, -2)
+        S += J_landmark @ P_ll @ np.swapaxes(J_landmark, -1, -2)
+        return np.asarray(S + cross + np.swapaxes(cross, -1, -2) + cov[:, None])
+
+    def correct(
+        self, innovation: Array, J_pose: Array, J_landmark: Array, columns: IntArray, cov: Array
+    ) -> Array:
+        """Updates with k sightings in one step; returns their own innovation covariances (k, d, d).
+
+        Args:
+            innovation: (k, d) measurement - prediction.
+            J_pose: (k, d, 3) Jacobians of the predictions by the pose.
+            J_landmark: (k, d, l) the same by each sighting's landmark; l = 0 where it has none.
+            columns: (k, l) places of those landmarks in the state.
+            cov: (k, d, d) covariances of the sightings.
+
+        Source: SantanaSLAM eq. (3), with H at the predicted mean (eq. (6) prints the last mean).
+        """
+        count, d = innovation.shape
+        PHt = np.einsum("nj,kij->nki", self.P[:, :3], J_pose)
+        PHt += np.einsum("nkj,kij->nki", self.P[:, columns], J_landmark)
+        HPHt = np.einsum("kij,jlm->kilm", J_pose, PHt[:3])
+        HPHt += np.einsum("kij,kjlm->kilm", J_landmark, PHt[columns])
+        each = np.arange(count)
+        HPHt[each, :, each, :] += cov
+        own = HPHt[each, :, each, :]
+        S = HPHt.reshape(count * d, count * d)
+        # S is tiny: its root's inverse costs less than a triangular solve that wakes BLAS threads
+        whiten = np.linalg.inv(np.linalg.cholesky(0.5 * (S + S.T)))
+        W, y = whiten @ PHt.reshape(self.size, -1).T, whiten @ innovation.ravel()
+        self.mean[:] += W.T @ y
+        self.mean[2] = wrap(self.mean[2])
+        self.P[:] -= W.T @ W
+        return np.asarray(own)
+
+    def add(self, landmark: Array, J_pose: Array, noise: Array) -> int:
+        """Adds a landmark with all its correlations; returns its place in the state.
+
+        Args:
+            landmark: (l,) parameters.
+            J_pose: (l, 3) how they depend on the pose.
+            noise: (l, l) their covariance given the pose.
+
+        Source: SantanaSLAM section 3.3; P_ll = J_pose P J_pose' + J_z R J_z'.
+        """
+        old = self.size
+        self._grow(old + len(landmark))
+        self.mean[old:] = landmark
+        cross = J_pose @ self.P[:3, :old]
+        self.P[old:, :old], self.P[:old, old:] = cross, cross.T
+        self.P[old:, old:] = J_pose @ self.P[:3, :3] @ J_pose.T + noise
+        return old
+
+    def inflate_pose(self, factor: float) -> None:
+        """Multiplies the standard deviations of the pose, correlations kept."""
+        self.P[:3] *= factor
+        self.P[:, :3] *= factor
+
+    def _grow(self, size: int) -> None:
+        if size > len(self._mean):
+            room = max(size, 2 * len(self._mean))
+            mean, P = np.zeros(room), np.zeros((room, room))
+            mean[: self.size], P[: self.size, : self.size] = self.mean, self.P
+            self._mean, self._P = mean, P
+        self.size = size

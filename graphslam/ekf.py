@@ -108,7 +108,9 @@ class _Filter:
         self.update(node, model, table, rows[matched], found[matched], first)
         for row in rows[found == NEW]:
             self.take_new(node, model, table, row, first)
-        self.counts["sighting between the gates"] += int(np.sum(found == DROPPED))
+        known = self.config.matching.method == "known"
+        reason = "sighting without a true landmark" if known else "sighting between the gates"
+        self.counts[reason] += int(np.sum(found == DROPPED))
 
     def take_new(self, node: int, model: Model, table: Sightings, row: int, first: int) -> None:
         """Starts a landmark, unless one that this node has just started explains the sighting."""

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from graphslam.geometry import Array, wrap
 from graphslam.measurements import IntArray
+
+ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
 
 
 class JointState:
@@ -15,10 +19,12 @@ class JointState:
 
     Attributes:
         size: entries in use; the pose is the first three.
+        log_likelihood: of all innovations that corrected the state, log N(innovation; 0, S) summed.
     """
 
     def __init__(self, pose: Array, cov: Array) -> None:
         self.size = 3
+        self.log_likelihood = 0.0
         self._mean = np.zeros(64)
         self._P = np.zeros((64, 64))
         self.mean[:], self.P[:] = pose, cov
@@ -95,6 +101,7 @@ class JointState:
         # S is tiny: its root's inverse costs less than a triangular solve that wakes BLAS threads
         whiten = np.linalg.inv(np.linalg.cholesky(0.5 * (S + S.T)))
         W, y = whiten @ PHt.reshape(self.size, -1).T, whiten @ innovation.ravel()
+        self.log_likelihood += float(np.log(np.diag(whiten) / ROOT_TWO_PI).sum() - 0.5 * y @ y)
         self.mean[:] += W.T @ y
         self.mean[2] = wrap(self.mean[2])
         self.P[:] -= W.T @ W

@@ -155,3 +155,15 @@ def test_a_log_without_sightings_gives_dead_reckoning() -> None:
     np.testing.assert_allclose(blind.pose, plain.pose, atol=1e-12)
     np.testing.assert_allclose(blind.cov_floor, plain.cov_floor, atol=1e-15)
     assert {u.quantity for u in blind.unobserved} == {"position", "heading"}
+
+
+def test_sightings_that_are_left_out_are_counted_by_reason() -> None:
+    measurements, _ = drive(2, 80)
+    table = measurements.sightings["line"]
+    truth = np.where(table.truth == 1, -1, table.truth)
+    unnamed = replace(measurements, sightings={"line": replace(table, truth=truth)})
+    known = run_ekf(unnamed, EkfConfig(MatchingConfig(method="known")))
+    assert known.counts == {"sighting without a true landmark": int(np.sum(truth < 0))}
+    assert np.all(known.used == (truth >= 0))
+    narrow = run_ekf(measurements, EkfConfig(MatchingConfig(gate=0.5)))
+    assert narrow.counts["sighting between the gates"] == np.sum(~narrow.used)

@@ -133,10 +133,11 @@ class Camera:
         """
         points, normals = np.asarray(points, float), np.asarray(normals, float)
         floor = self.pixel_to_floor(points)
-        depth = floor @ self.homography[2, :2] + self.homography[2, 2]
+        depth = _apply(self.homography, floor)[..., 2]
         constant = -np.sum(normals * points, axis=-1, keepdims=True)
-        across = np.concatenate([normals, constant], axis=-1) @ self.homography[:, :2]
-        size = depth / np.linalg.norm(across, axis=-1)
+        n, H = np.concatenate([normals, constant], axis=-1), self.homography
+        across = n[..., :1] * H[0, :2] + n[..., 1:2] * H[1, :2] + n[..., 2:] * H[2, :2]
+        size = depth / np.hypot(across[..., 0], across[..., 1])
         return np.where(np.isnan(size), np.inf, size)
 
     def undistort(self, points: Array) -> Array:
@@ -194,9 +195,17 @@ class Camera:
         return np.where(seen[:, None], np.column_stack([enter, leave]), np.nan)
 
 
+def _apply(transform: Array, points: Array) -> Array:
+    """Returns homogeneous coordinates (..., 3) of points (..., 2) after a homography.
+
+    Elementwise: a matrix product would round differently with the number of BLAS threads.
+    """
+    x, y = points[..., :1], points[..., 1:]
+    return np.asarray(x * transform[:, 0] + y * transform[:, 1] + transform[:, 2])
+
+
 def _project(transform: Array, points: Array) -> Array:
-    points = np.asarray(points, float)
-    image = points @ transform[:, :2].T + transform[:, 2]
+    image = _apply(transform, np.asarray(points, float))
     depth = image[..., 2:]
     depth = np.where(depth > 0, depth, np.nan)
     return np.asarray(image[..., :2] / depth)

@@ -28,7 +28,7 @@ class DetectorConfig:
     edge_over_noise: tuple[float, float] = (2.0, 4.0)
     """Canny's low and high threshold, in multiples of the image's own gradient noise (a low
     quantile of its gradients, as a standard deviation), so that they follow light and contrast."""
-    edge_min_grey: float = 1.0
+    edge_min_grey: float = 2.0
     """Smallest high threshold, grey levels per pixel: keeps rounding and compression in clean
     images from counting as edges."""
     hough_angle_deg: float = 2.0
@@ -44,6 +44,9 @@ class DetectorConfig:
     min_run: int = 8
     """Fewest edge pixels in a row (without a gap) that count; crossings may part a line into
     several such runs."""
+    min_coverage: float = 0.4
+    """Smallest share of an edge's stretch that its edge pixels cover; below it, short runs that
+    are far apart are in line by chance."""
     max_gap_px: float = 5.0
     """Longest gap inside such a run, pixels."""
     coarsest_pixel_m: float = 0.03

@@ -224,9 +224,9 @@ def _accept(
 
 
 def _overlap(centre: _Centre, other: _Centre, config: DetectorConfig) -> bool:
-    """Returns whether two lines are nearly parallel and the first runs inside the other."""
+    """Returns whether two lines are nearly parallel and cover the same floor where one is seen."""
     middle = points_on_line(centre.line, centre.extent.mean())
     offset = along_normal(other.line[1], middle) - other.line[0]
     turn = 0.5 * wrap(2.0 * (centre.line[1] - other.line[1]))
     parallel = abs(turn) < np.radians(config.pair_angle_deg)
-    return bool(parallel and abs(offset) < 0.5 * max(centre.width, other.width))
+    return bool(parallel and abs(offset) < 0.5 * (centre.width + other.width))

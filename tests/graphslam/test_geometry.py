@@ -113,3 +113,12 @@ def test_interpolation_takes_the_shorter_turn_across_pi() -> None:
     poses = np.array([[0.0, 0.0, 3.0], [1.0, 0.0, -3.0]])
     middle = g.interpolate_poses(np.array([0.5]), np.array([0.0, 1.0]), poses)
     assert abs(g.wrap(middle[0, 2] - np.pi)) < 1e-12
+
+
+@given(line, length, st.floats(-5, 5))
+def test_distance_from_a_line_is_signed_along_its_normal(
+    ln: np.ndarray, s: float, off: float
+) -> None:
+    moved = np.array([ln[0] + off, ln[1]])
+    point = g.points_on_line(moved, np.array(s))
+    assert g.distance_from_line(ln, point) == pytest.approx(off, abs=1e-9)

@@ -21,12 +21,12 @@ class Drive:
     """One drive of a scenario, true and measured.
 
     Attributes:
-        t: (E,) times of all readings and images, s, increasing.
+        t: (E,) times of all readings and frames, s, increasing.
         pose: (E, 3) true poses at these times, floor frame, m and rad.
         wheel_t: (W,) times of the encoder readings, s, increasing from 0.
         wheel_true: (W, 2) true cumulative angles, left and right, rad.
         wheel_angle: (W, 2) what the encoders say of them, rad.
-        image_t: (I,) times of the images, s, increasing from 0.
+        frame_t: (I,) times of the frames (images, or sightings without), s, increasing from 0.
     """
 
     t: Array
@@ -34,11 +34,11 @@ class Drive:
     wheel_t: Array
     wheel_true: Array
     wheel_angle: Array
-    image_t: Array
+    frame_t: Array
 
-    def pose_at_images(self) -> Array:
-        """Returns the true poses (I, 3) at the images, floor frame."""
-        return self.pose[np.searchsorted(self.t, self.image_t)]
+    def pose_at_frames(self) -> Array:
+        """Returns the true poses (I, 3) at the frames, floor frame."""
+        return self.pose[np.searchsorted(self.t, self.frame_t)]
 
 
 def drive(scenario: Scenario, wheels: np.random.Generator, slip: np.random.Generator) -> Drive:
@@ -54,15 +54,15 @@ def drive(scenario: Scenario, wheels: np.random.Generator, slip: np.random.Gener
         slip: decides the slip.
     """
     wheel_t, wheel_true = plan(scenario)
-    count = math.floor(wheel_t[-1] * scenario.camera.rate + 1e-6) + 1
-    image_t = np.round(np.arange(count) / scenario.camera.rate, TIME_DECIMALS)
-    image_t = image_t[image_t <= wheel_t[-1]]
-    t = np.union1d(wheel_t, image_t)
+    count = math.floor(wheel_t[-1] * scenario.rate + 1e-6) + 1
+    frame_t = np.round(np.arange(count) / scenario.rate, TIME_DECIMALS)
+    frame_t = frame_t[frame_t <= wheel_t[-1]]
+    t = np.union1d(wheel_t, frame_t)
     angle = np.column_stack([np.interp(t, wheel_t, column) for column in wheel_true.T])
     steps = np.diff(angle, axis=0)
     pose = _true_poses(steps, scenario, slip)
     if scenario.robot.law == "paper":
-        interval = np.searchsorted(image_t, t[:-1], side="right") - 1
+        interval = np.searchsorted(frame_t, t[:-1], side="right") - 1
         error = _paper_noise(steps, interval, scenario.robot, wheels)
         error = error[np.searchsorted(t, wheel_t)]
     else:
@@ -71,7 +71,7 @@ def drive(scenario: Scenario, wheels: np.random.Generator, slip: np.random.Gener
     if scenario.encoder.ticks:
         tick = 2.0 * math.pi / scenario.encoder.ticks
         measured = np.round(measured / tick) * tick
-    return Drive(t, pose, wheel_t, wheel_true, measured, image_t)
+    return Drive(t, pose, wheel_t, wheel_true, measured, frame_t)
 
 
 def plan(scenario: Scenario) -> tuple[Array, Array]:
@@ -82,7 +82,7 @@ def plan(scenario: Scenario) -> tuple[Array, Array]:
     """
     wheels_of = _wheels_of(scenario.robot)
     pieces = [np.zeros((1, 2))]
-    for motion in scenario.path:
+    for motion in scenario.path * scenario.repeat:
         length, turn, seconds = _extent(motion, scenario)
         count = max(1, round(seconds * scenario.encoder.rate))
         rotation = wheels_of @ np.array([length, turn])
@@ -157,7 +157,7 @@ def _distance_noise(steps: Array, robot: DifferentialDrive, rng: np.random.Gener
 def _paper_noise(
     steps: Array, interval: NDArray[np.int64], robot: DifferentialDrive, rng: np.random.Generator
 ) -> Array:
-    """Returns cumulative errors (P + 1, 2), rad: one relative error of std k per image interval.
+    """Returns cumulative errors (P + 1, 2), rad: one relative error of std k per frame interval.
 
     Source: SantanaSLAM eq. (17).
     """

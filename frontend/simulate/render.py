@@ -11,9 +11,16 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from frontend.camera import Camera
-from frontend.simulate.scenario import Groove, Light, Scenario
+from frontend.simulate.floor import Groove, Light
+from frontend.simulate.scenario import Scenario
 from frontend.simulate.world import TILE_CELLS, Tile, World
-from graphslam.geometry import Array, distance_from_line, line_to_robot, transform_points
+from graphslam.geometry import (
+    Array,
+    distance_from_line,
+    line_to_robot,
+    position_along,
+    transform_points,
+)
 
 Image = NDArray[np.float32]
 
@@ -84,10 +91,13 @@ def render(
         rng: decides the pixels' noise.
     """
     surface, light, camera = scenario.surface, scenario.light, scenario.camera
+    assert camera is not None, "images have a camera"
     points = transform_points(pose, grid.floor)
     lines_robot = line_to_robot(world.lines, pose)
+    stretch_robot = world.stretch - position_along(world.lines, pose[:2])[:, None]
     grey = surface.grey + surface.texture * _sample(world.texture, points)
-    grey += scenario.groove.contrast * groove_cover(scenario.groove, camera.blur, lines_robot, grid)
+    cover = groove_cover(scenario.groove, camera.blur, lines_robot, stretch_robot, grid)
+    grey += scenario.groove.contrast * cover
     grey *= 1.0 + light.patches * _sample(world.patches, points)
     grey[grid.off_floor] = WALL * surface.grey
     grey *= grid.shade * np.float32(
@@ -98,17 +108,21 @@ def render(
     return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
 
 
-def groove_cover(groove: Groove, blur: float, lines_robot: Array, grid: PixelGrid) -> Image:
+def groove_cover(
+    groove: Groove, blur: float, lines_robot: Array, stretch_robot: Array, grid: PixelGrid
+) -> Image:
     """Returns how far (H, W) lines cover each pixel, 0 to 1.
 
     A line is a box of the groove's width across it, smoothed by a normal distribution: the soft
     edge, and the lens's blur and the pixel's own area as they lie on the floor there. Smoothing
     comes before sampling, so that a line thinner than a pixel keeps its strength and its place.
+    Where a line ends it is cut off square.
 
     Args:
         groove: width and softness.
         blur: standard deviation of the lens's blur, pixels.
         lines_robot: (L, 2) rho m, alpha rad, robot frame.
+        stretch_robot: (L, 2) where each begins and ends along itself, m; may be infinite.
         grid: where the pixels look.
     """
     bare = np.ones(grid.off_floor.shape, np.float32)
@@ -117,9 +131,13 @@ def groove_cover(groove: Groove, blur: float, lines_robot: Array, grid: PixelGri
     reach = half + REACH * (math.sqrt(aperture) * grid.footprint + groove.softness)
     across = distance_from_line(lines_robot[:, None], grid.corners)
     beside = np.maximum(across.min(axis=1), -across.max(axis=1))
-    for line in lines_robot[beside < reach.max()]:
+    for row in np.flatnonzero(beside < reach.max()):
+        line, (begin, end) = lines_robot[row], stretch_robot[row]
         across = distance_from_line(line, grid.floor)
         touched = (np.abs(across) < reach) & ~grid.off_floor
+        if np.isfinite((begin, end)).any():
+            along = position_along(line, grid.floor)
+            touched &= (along >= begin) & (along <= end)
         normal = np.array([math.cos(line[1]), math.sin(line[1])])
         spread = aperture * np.sum((normal @ grid.J_floor_pixel[touched]) ** 2, -1)
         scale = np.sqrt(2.0 * (spread + groove.softness**2))

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from frontend.camera import Camera
-from frontend.simulate.scenario import CameraSpec
+from frontend.simulate.sensors import CameraSpec
 from graphslam.errors import BadConfig
 from graphslam.geometry import Array
 

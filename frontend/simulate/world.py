@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,11 +38,13 @@ class World:
 
     Attributes:
         lines: (L, 2) rho m, alpha rad, floor frame; as given, not made canonical.
+        stretch: (L, 2) where each begins and ends along itself, m; infinite where endless.
         texture: pattern of the surface.
         patches: pattern of light and shade.
     """
 
     lines: Array
+    stretch: Array
     texture: Tile
     patches: Tile
 
@@ -50,6 +53,7 @@ def build_world(scenario: Scenario, rng: np.random.Generator) -> World:
     """Returns the floor of a scenario; the generator decides its patterns only."""
     return World(
         floor_lines(scenario),
+        floor_stretches(scenario),
         random_tile(scenario.surface.texture_scale, rng),
         random_tile(scenario.light.patch_scale, rng),
     )
@@ -63,6 +67,15 @@ def floor_lines(scenario: Scenario) -> Array:
         rows += [(float(rho), grid.alpha_deg) for rho in offsets]
     lines = np.array(rows, float).reshape(-1, 2)
     return np.column_stack([lines[:, 0], wrap(np.deg2rad(lines[:, 1]))])
+
+
+def floor_stretches(scenario: Scenario) -> Array:
+    """Returns where each of `floor_lines` begins and ends along itself (L, 2), m, or infinity."""
+    endless = (-math.inf, math.inf)
+    rows = [line.stretch or endless for line in scenario.lines]
+    for grid in scenario.grids:
+        rows += [grid.stretch or endless] * (len(grid.spacings) + 1)
+    return np.array(rows, float).reshape(-1, 2)
 
 
 def random_tile(scale: float, rng: np.random.Generator) -> Tile:

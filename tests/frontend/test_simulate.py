@@ -13,20 +13,18 @@ import pytest
 from scipy.stats import chi2
 
 from frontend.log import open_log
-from frontend.simulate import Scenario, load_scenario, scenario_names, simulate
-from frontend.simulate.drive import Drive, drive
-from frontend.simulate.render import pixel_grid, render
-from frontend.simulate.scenario import (
-    CameraSpec,
-    Encoder,
-    FloorLine,
-    Groove,
-    Light,
-    LineGrid,
-    Motion,
-    Start,
-    Surface,
+from frontend.simulate import (
+    Scenario,
+    load_scenario,
+    scenario_names,
+    simulate,
+    simulate_log,
 )
+from frontend.simulate.drive import Drive, drive
+from frontend.simulate.floor import FloorLine, Groove, Light, LineGrid, Surface
+from frontend.simulate.render import pixel_grid, render
+from frontend.simulate.scenario import Motion, Start
+from frontend.simulate.sensors import CameraSpec, Encoder, SightingSpec
 from frontend.simulate.view import camera_of
 from frontend.simulate.world import build_world, floor_lines, random_tile
 from frontend.strict import from_dict
@@ -152,7 +150,7 @@ def test_open_log_reads_what_was_simulated(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.start_pose, [1.0, -2.0, math.radians(160.0)])
     np.testing.assert_array_equal(log.start_sigma, 0.0)
     np.testing.assert_array_equal(log.wheels.t, run.wheel_t)
-    np.testing.assert_array_equal(log.images.t, run.image_t)
+    np.testing.assert_array_equal(log.images.t, run.frame_t)
     np.testing.assert_array_equal(log.truth.t, run.t)
     assert all(file.is_file() for file in log.images.file)
     np.testing.assert_array_equal(log.cameras["floor"].image_size, (64, 48))
@@ -207,7 +205,7 @@ def test_speeds_hold_to_the_nearest_reading() -> None:
     path = (Motion(forward=1.01), Motion(turn_deg=90.0, turn_rate_deg=30.0), Motion(pause=1.5))
     run = drive_of(small_scenario(path=path, speed=0.5, encoder=Encoder(10.0)))
     assert run.wheel_t[-1] == 2.0 + 3.0 + 1.5
-    assert run.image_t[-1] == 6.4
+    assert run.frame_t[-1] == 6.4
     np.testing.assert_array_equal(run.wheel_true[-15:], np.tile(run.wheel_true[-1], (15, 1)))
 
 
@@ -276,8 +274,8 @@ def test_errors_of_increments_have_the_covariance_that_estimators_assume(
     squares, dimension = 0.0, 0
     for seed in range(60):
         run = drive_of(scenario, seed)
-        increment, cov = increments_from_wheels(run.wheel_t, run.wheel_angle, run.image_t, assumed)
-        true = run.pose_at_images()
+        increment, cov = increments_from_wheels(run.wheel_t, run.wheel_angle, run.frame_t, assumed)
+        true = run.pose_at_frames()
         error = between(true[:-1], true[1:]) - increment
         error[:, 2] = wrap(error[:, 2])
         if not any(slip):  # two wheels: two directions
@@ -350,6 +348,25 @@ def test_groove_is_as_wide_as_it_says_even_where_it_is_thinner_than_a_pixel() ->
     assert near - far < 1.0
     total = (150.0 - image[:, 79].astype(float)).sum() / 140.0
     assert total == pytest.approx(near - far, rel=0.03)
+
+
+def test_line_that_ends_is_drawn_as_far_as_it_goes() -> None:
+    spec = replace(SMALL_CAMERA, image_size=(160, 120), noise=0.0, blur=0.5)
+    line = FloorLine(0.6, 0.0)  # across the image, x = 0.6
+    scenario = small_scenario(
+        camera=spec, surface=Surface(150.0, 0.0), light=PLAIN_LIGHT, lines=(line,)
+    )
+    cut = replace(scenario, lines=(replace(line, stretch=(-0.1, 0.2)),))
+    grid, rng = pixel_grid(camera_of(spec), PLAIN_LIGHT), np.random.default_rng(0)
+    whole, part = (
+        render(s, build_world(s, rng), grid, np.zeros(3), 0.0, rng) for s in (scenario, cut)
+    )
+    left = grid.floor[..., 1]
+    inside = (left > -0.1) & (left < 0.2)
+    np.testing.assert_array_equal(part[inside], whole[inside])
+    assert (part[~inside] == 150).all()
+    assert (whole[~inside] < 140).any()
+    assert (part < 140).any()
 
 
 def test_texture_stays_on_the_floor_while_the_robot_moves() -> None:
@@ -550,7 +567,7 @@ def test_documented_example_can_be_simulated(tmp_path: Path) -> None:
 def test_every_key_is_documented() -> None:
     text = documented()
     parts = (Scenario, CameraSpec, Encoder, FloorLine, Groove, Light, LineGrid, Motion, Start)
-    for part in (*parts, Surface):
+    for part in (*parts, SightingSpec, Surface):
         for field in fields(part):
             assert re.search(rf"`(\w+\.)?{field.name}`|\[{field.name}\]", text), field.name
     assert all(f"`{name}`" in text for name in scenario_names())
@@ -560,21 +577,26 @@ def test_every_key_is_documented() -> None:
 
 
 def test_shipped_scenarios_are_found_by_name() -> None:
-    assert {"corridor", "sample", "santana-slam"} <= set(scenario_names())
+    assert scenario_names() == (
+        "corridor",
+        "grid",
+        "huge",
+        "long-loop",
+        "one-direction",
+        "periodic",
+        "sample",
+        "santana-slam",
+    )
 
 
 @pytest.mark.parametrize("name", scenario_names())
 def test_shipped_scenario_loads_under_its_own_name_and_sees_lines(name: str) -> None:
     scenario = load_scenario(name)
     assert scenario.name == name
-    run, camera = drive_of(scenario), camera_of(scenario.camera)
-    lines = floor_lines(scenario)
-    seen = [
-        np.isfinite(camera.visible_stretch(line_to_robot(lines, pose))[:, 0]).any()
-        for pose in run.pose_at_images()
-    ]
-    assert np.mean(seen) > 0.4
-    per_interval = scenario.encoder.rate / scenario.camera.rate
+    two_laps = replace(scenario, repeat=min(2, scenario.repeat))
+    log, run = simulate_log(two_laps), drive_of(two_laps)
+    assert len(np.unique(log.sightings.t)) > 0.4 * len(run.frame_t)
+    per_interval = scenario.encoder.rate / scenario.rate
     assert per_interval == pytest.approx(round(per_interval))
 
 
@@ -584,7 +606,7 @@ def test_all_six_lines_of_santana_slam_come_into_view(seed: int) -> None:
     run, camera = drive_of(scenario, seed), camera_of(scenario.camera)
     lines = floor_lines(scenario)
     stretches = np.array(
-        [camera.visible_stretch(line_to_robot(lines, pose)) for pose in run.pose_at_images()]
+        [camera.visible_stretch(line_to_robot(lines, pose)) for pose in run.pose_at_frames()]
     )
     length = np.nan_to_num(np.diff(stretches, axis=-1)[..., 0])
     frames = np.sum(length >= 0.25, axis=0)
@@ -595,8 +617,8 @@ def test_all_six_lines_of_santana_slam_come_into_view(seed: int) -> None:
 def test_santana_slam_is_the_papers_experiment() -> None:
     scenario = load_scenario("santana-slam")
     run = drive_of(replace(scenario, robot=replace(scenario.robot, slip=(0.0, 0.0, 0.0))))
-    assert len(run.image_t) == 261
-    np.testing.assert_allclose(np.diff(run.image_t), 0.3, atol=1e-9)
+    assert len(run.frame_t) == 261
+    np.testing.assert_allclose(np.diff(run.frame_t), 0.3, atol=1e-9)
     start = [3.0, 3.1, math.radians(-110.0)]
     np.testing.assert_allclose(run.pose[0], start, atol=1e-12)
     turned_back = compose(start, [0.0, 0.0, math.pi])

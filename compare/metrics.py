@@ -110,13 +110,19 @@ def mean_nees(error: Array, cov: Array) -> float:
 
     NaN for no errors, and where a covariance is not positive definite.
     """
-    if len(error) == 0:
-        return float("nan")
+    return float(np.mean(nees(error, cov))) if len(error) else float("nan")
+
+
+def nees(error: Array, cov: Array) -> Array:
+    """Returns e' C^-1 e / d (n,) of errors (n, d) with covariances (n, d, d).
+
+    All are NaN where any covariance is not positive definite.
+    """
     try:
         whitened = np.linalg.solve(np.linalg.cholesky(cov), error[..., None])
     except np.linalg.LinAlgError:
-        return float("nan")
-    return float(np.mean(whitened**2))
+        return np.full(len(error), np.nan)
+    return np.asarray(np.mean(whitened[..., 0] ** 2, axis=1))
 
 
 def map_nees(difference: Array, true_lines: Array, cov: Array) -> tuple[float, int]:

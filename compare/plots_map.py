@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from compare.plots_style import INK, Plot, figure, method_colour, stride, to_svg
+from compare.plots_style import INK, MOST_TICKS, Plot, figure, legend, method_colour, stride, to_svg
 from compare.record import Record
+from graphslam.geometry import Array
 
 PARTS = (
     ("offset (mm)", "offset_m", "sigma_offset_m", 1e3),
@@ -32,7 +34,7 @@ def map_errors(record: Record) -> Plot | None:
             spread = 3.0 * scale * np.array([row[sigma] for row in found])
             style = {"fmt": "o", "ms": 3.5, "lw": 0.9, "mew": 0, "color": method_colour(name)}
             ax.errorbar(at, value, spread, label=name, **style)
-    every = stride(len(ids), 40)
+    every = stride(len(ids), MOST_TICKS)
     for [ax], (label, *_) in zip(grid, PARTS, strict=True):
         ax.axhline(0.0, color=INK, lw=0.6, alpha=0.5)
         ax.set_ylabel(label)
@@ -40,7 +42,7 @@ def map_errors(record: Record) -> Plot | None:
         ax.set_xlim(-0.7, len(ids) - 0.3)
         ax.grid(False, axis="x")
     grid[-1][0].set_xlabel("true line (number in the log's map.csv)")
-    made.legend(*grid[0][0].get_legend_handles_labels(), loc="outside upper left", ncols=6)
+    legend(made, *grid[0][0].get_legend_handles_labels())
     return Plot(
         "map-errors",
         "Map errors per line",
@@ -49,7 +51,20 @@ def map_errors(record: Record) -> Plot | None:
         "millimetres, and the angle, in degrees. Bars: plus and minus three sigma of the estimate "
         "(99.7 % of a Gaussian), without the uncertainty of the motion.",
         to_svg(made, "map-errors", "Errors of every line of the maps"),
+        {
+            "method": [name for name, found in rows.items() for _ in found],
+            "true_line": [row["true_line"] for found in rows.values() for row in found],
+            "offset_mm": _column(rows, "offset_m", 1e3),
+            "sigma_offset_mm": _column(rows, "sigma_offset_m", 1e3),
+            "angle_deg": _column(rows, "d_alpha_deg", 1.0),
+            "sigma_angle_deg": _column(rows, "sigma_alpha_deg", 1.0),
+        },
     )
+
+
+def _column(rows: Mapping[str, list[dict[str, Any]]], key: str, scale: float) -> Array:
+    values = [row[key] for found in rows.values() for row in found]
+    return scale * np.array(values, float)
 
 
 def _true_rows(record: Record, method: str) -> list[dict[str, Any]]:

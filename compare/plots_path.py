@@ -13,8 +13,10 @@ from compare.plots_style import (
     METHOD_DASHES,
     METHOD_WIDTHS,
     WIDTH,
+    Columns,
     Plot,
     figure,
+    legend,
     method_colour,
     stride,
     to_svg,
@@ -32,7 +34,7 @@ QUANTITIES = (("x", "mm", 1e3), ("y", "mm", 1e3), ("heading", "°", 180.0 / np.p
 
 def floor_plan(record: Record) -> Plot:
     """Returns the plan of the floor: paths, lines, and the uncertainty of the last poses."""
-    low, high = _bounds(record)
+    low, high = plan_bounds(record)
     span = high - low
     height = float(np.clip(WIDTH * 0.86 * span[1] / span[0] + 0.7, 3.2, 7.8))
     made, [[ax]] = figure(height)
@@ -51,7 +53,7 @@ def floor_plan(record: Record) -> Plot:
         _endless(ax, lines[unknown], low, high, **style)
         _method(ax, name, estimate, step)
     _start(ax, record.measurements.start_pose, 0.035 * span.max())
-    made.legend(loc="outside upper left", ncols=8, handlelength=2.2, columnspacing=1.6)
+    legend(made, handlelength=2.2, columnspacing=1.6)
     drawn = "" if step == 1 else f" Every {_ordinal(step)} node is drawn."
     lines = " Dashed: true lines." if len(record.true_lines) else ""
     return Plot(
@@ -62,7 +64,33 @@ def floor_plan(record: Record) -> Plot:
         f"{lines} Ellipses: the last pose with {ELLIPSE_PROBABILITY:.0%} probability "
         f"({ELLIPSE_SCALE:.2f} sigma).{drawn}",
         to_svg(made, "floor-plan", "Floor plan of paths and lines"),
+        _plan_data(record, step),
     )
+
+
+def _plan_data(record: Record, step: int) -> dict[str, Columns]:
+    """Returns the points of all curves of the plan, one a row: whose, what, which, and where."""
+    rows: list[tuple[str, str, int, float, float]] = []
+
+    def add(method: str, what: str, number: int, points: Array) -> None:
+        rows.extend((method, what, number, float(x), float(y)) for x, y in points)
+
+    if record.has_true_pose:
+        add("truth", "path", 0, record.true_pose[::step, :2])
+    if len(record.true_lines):
+        across = _reach(*plan_bounds(record)) * np.array([-1.0, 1.0])
+        ends = points_on_line(record.true_lines[:, None], across)
+        for number, pair in zip(record.truth.line_id.tolist(), ends, strict=True):
+            add("truth", "line", number, pair)
+    for name, estimate in record.estimates.items():
+        add(name, "path", 0, estimate.pose[::step, :2])
+        numbers, _ = estimate.map.of_kind("line")
+        for number, pair in zip(
+            estimate.map.id[numbers].tolist(), stretches(estimate), strict=True
+        ):
+            add(name, "line", number, pair)
+    columns = list(zip(*rows, strict=True))
+    return dict(zip(("method", "what", "number", "x_m", "y_m"), columns, strict=True))
 
 
 def _start(ax: Axes, pose: Array, size: float) -> None:
@@ -73,12 +101,13 @@ def _start(ax: Axes, pose: Array, size: float) -> None:
     ax.annotate("", xy=tip, xytext=(x, y), arrowprops=arrow)
 
 
-def _bounds(record: Record) -> tuple[Array, Array]:
+def plan_bounds(record: Record) -> tuple[Array, Array]:
+    """Returns the lower left and upper right corner (2,) of a plan that shows everything, m."""
     points = [estimate.pose[:, :2] for estimate in record.estimates.values()]
     if record.has_true_pose:
         points.append(record.true_pose[:, :2])
     for estimate in record.estimates.values():
-        points.extend(_stretches(estimate))
+        points.extend(stretches(estimate))
     every = np.concatenate(points)
     every = every[np.isfinite(every).all(axis=1)]
     low, high = every.min(axis=0), every.max(axis=0)
@@ -87,35 +116,48 @@ def _bounds(record: Record) -> tuple[Array, Array]:
     return centre - half, centre + half
 
 
-def _stretches(estimate: Estimate) -> Array:
-    """Returns the ends (m, 2, 2) of the seen stretches of an estimate's lines."""
+def stretches(estimate: Estimate) -> Array:
+    """Returns the ends (m, 2, 2) of the stretches of an estimate's lines; NaN where unknown."""
     rows, lines = estimate.map.of_kind("line")
     if not len(rows):
         return np.zeros((0, 2, 2))
-    ends = points_on_line(lines[:, None, :], estimate.map.extent[rows])
-    return ends[np.isfinite(ends).all(axis=(1, 2))]
+    return points_on_line(lines[:, None, :], estimate.map.extent[rows])
 
 
 def _endless(ax: Axes, lines: Array, low: Array, high: Array, **style: Any) -> None:
-    reach = float(np.linalg.norm(high - low) + np.linalg.norm(np.maximum(abs(low), abs(high))))
+    reach = _reach(low, high)
     for ends in points_on_line(lines[:, None, :], np.array([[-reach, reach]])):
         ax.plot(ends[:, 0], ends[:, 1], **style)
 
 
+def _reach(low: Array, high: Array) -> float:
+    """Returns how far along a line, from the origin's foot, a plan can go, m."""
+    return float(np.linalg.norm(high - low) + np.linalg.norm(np.maximum(abs(low), abs(high))))
+
+
 def _method(ax: Axes, name: str, estimate: Estimate, step: int) -> None:
     colour, width = method_colour(name), METHOD_WIDTHS.get(name, 1.2)
-    for ends in _stretches(estimate):
+    for ends in stretches(estimate):
         ax.plot(ends[:, 0], ends[:, 1], color=colour, lw=0.7 * width, alpha=0.8, zorder=2)
     path = estimate.pose[::step]
     dashes = METHOD_DASHES.get(name, "-")
     ax.plot(path[:, 0], path[:, 1], color=colour, lw=width, ls=dashes, label=name, zorder=4)
     last = estimate.pose[-1]
-    values, vectors = np.linalg.eigh(estimate.cov_floor[-1, :2, :2])
-    size = 2.0 * ELLIPSE_SCALE * np.sqrt(values)
-    angle = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
-    shape = Ellipse(last[:2], *size, angle=angle, fc="none", ec=colour, lw=1.3, zorder=5)
+    half, angle = ellipses(estimate.cov_floor[-1:])
+    place = {"width": 2.0 * half[0, 0], "height": 2.0 * half[0, 1], "angle": np.degrees(angle[0])}
+    shape = Ellipse(last[:2], **place, fc="none", ec=colour, lw=1.3, zorder=5)
     ax.add_patch(shape)
     ax.plot(last[0], last[1], "s", ms=3.5, color=colour, zorder=5)
+
+
+def ellipses(cov_floor: Array) -> tuple[Array, Array]:
+    """Returns half axes (n, 2), m, and angle (n,), rad, of the first, of positions' ellipses.
+
+    They hold `ELLIPSE_PROBABILITY` of the plane Gaussians of pose covariances (n, 3, 3).
+    """
+    values, vectors = np.linalg.eigh(cov_floor[:, :2, :2])
+    half = ELLIPSE_SCALE * np.sqrt(np.maximum(values, 0.0))
+    return half, np.arctan2(vectors[:, 1, 0], vectors[:, 0, 0])
 
 
 def errors_over_time(record: Record) -> Plot:
@@ -160,7 +202,20 @@ def _errors(record: Record) -> Plot:
         "pose is the start. x and y in millimetres, heading in degrees. Bands: plus and minus "
         f"three sigma (99.7 % of a Gaussian). Time from the first node.{scales}",
         to_svg(made, "errors", "Errors of x, y and heading over time"),
+        {"t_s": t, **_columns(record, step, errors=True)},
     )
+
+
+def _columns(record: Record, step: int, errors: bool) -> dict[str, Columns]:
+    """Returns each method's errors, if wanted, and standard deviations, as columns of a file."""
+    found: dict[str, Columns] = {}
+    for name, estimate in record.estimates.items():
+        parts = {"error": record.pose_error(name)} if errors else {}
+        for what, values in (parts | {"sigma": _sigma(estimate)}).items():
+            for column, (quantity, _, scale) in enumerate(QUANTITIES):
+                unit = "deg" if quantity == "heading" else "mm"
+                found[f"{name}_{what}_{quantity}_{unit}"] = scale * values[::step, column]
+    return found
 
 
 def _error_limits(record: Record) -> dict[bool, list[float]]:
@@ -194,13 +249,14 @@ def _sigmas(record: Record) -> Plot:
         usual = [np.quantile(_sigma(e)[:, column], 0.05) for e in record.estimates.values()]
         ax.set(xlabel="time (s)", ylabel=f"sigma of {quantity} ({unit})", yscale="log")
         ax.set_ylim(bottom=0.5 * scale * min(usual))  # the start may be known to the micrometre
-    made.legend(*grid[0][0].get_legend_handles_labels(), loc="outside upper left", ncols=6)
+    legend(made, *grid[0][0].get_legend_handles_labels())
     return Plot(
         "errors",
         "Uncertainty over time",
         "The log has no true path, so only what the methods claim: one standard deviation in the "
         "floor frame, x and y in millimetres, heading in degrees. Time from the first node.",
         to_svg(made, "errors", "Standard deviations of x, y and heading over time"),
+        {"t_s": t - t[0], **_columns(record, step, errors=False)},
     )
 
 

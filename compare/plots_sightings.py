@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,17 @@ from scipy.stats import chi2
 
 from compare.plots_style import (
     INK,
+    MOST_TICKS,
+    Columns,
     Plot,
     figure,
+    legend,
     method_colour,
     stride,
     to_svg,
 )
 from compare.record import Record
+from graphslam.arrays import AnyArray
 from graphslam.estimate import Estimate
 from graphslam.geometry import Array
 from graphslam.measurements import IntArray
@@ -41,17 +46,18 @@ def sightings_per_node(record: Record) -> Plot:
     nodes = [table.node for _, table in measurements.tables()]
     seen = _mean_per_bin(np.concatenate([np.zeros(0, int), *nodes]), count, step)
     ax.stairs(seen, edges, color=INK, alpha=0.16, fill=True, lw=0, label="seen")
+    drawn: dict[str, Columns] = {"seen_per_node": seen}
     for name, estimate in record.estimates.items():
         if estimate.used.any():
             used = np.concatenate(
                 [t.node[estimate.used[f : f + len(t)]] for f, t in measurements.tables()]
             )
-            values = _mean_per_bin(used, count, step)
+            drawn[f"{name}_used_per_node"] = values = _mean_per_bin(used, count, step)
             ax.stairs(values, edges, color=method_colour(name), lw=1.1, label=f"used by {name}")
     ax.set(
         xlabel="time (s)", ylabel="sightings per node", ylim=(0.0, None), xlim=(edges[0], edges[-1])
     )
-    made.legend(loc="outside upper left", ncols=5)
+    legend(made)
     mean = f", mean over {step} nodes" if step > 1 else ""
     return Plot(
         "sightings",
@@ -59,6 +65,7 @@ def sightings_per_node(record: Record) -> Plot:
         f"Sightings of all kinds at each node{mean}: what the front-end saw, and what each method "
         "used. Time from the first node, seconds.",
         to_svg(made, "sightings", "Sightings per node over time"),
+        {"from_s": edges[:-1], "to_s": edges[1:], **drawn},
     )
 
 
@@ -74,7 +81,8 @@ def innovations(record: Record) -> Plot | None:
     if not names:
         return None
     tables = [(f, t) for f, t in record.measurements.tables() if len(t)]
-    made, grid = figure(2.5 * len(tables) + 0.2, len(tables), len(names), sharex=True, sharey="row")
+    shared: dict[str, Any] = {"sharex": True, "sharey": "row", "gap": (0.3, 0.15)}
+    made, grid = figure(2.5 * len(tables) + 0.2, len(tables), len(names), **shared)
     for row, (first, table) in enumerate(tables):
         t = record.measurements.t[table.node] - record.measurements.t[0]
         for ax, name in zip(grid[row], names, strict=True):
@@ -92,12 +100,36 @@ def innovations(record: Record) -> Plot | None:
         "own noise, so it runs smaller. More above the band: noise stated too small, or wrong "
         "matches.",
         to_svg(made, "nis", "Normalised innovations squared over time"),
+        _nis_data(record, names),
     )
 
 
-def _innovation_panel(ax: Axes, name: str, t: Array, nis: Array, dim: int) -> None:
+def _nis_data(record: Record, names: Sequence[str]) -> dict[str, Columns]:
+    """Returns the NIS of all sightings that any method drew, with the node's time and the band."""
+    t = record.measurements.t - record.measurements.t[0]
+    columns: dict[str, list[AnyArray]] = {}
+    for first, table in record.measurements.tables():
+        nis = {n: record.estimates[n].nis[first : first + len(table)] for n in names}
+        known = [np.flatnonzero(np.isfinite(values)) for values in nis.values()]
+        rows = np.unique(np.concatenate([k[:: stride(len(k))] for k in known]))
+        low, high = _band(table.z.shape[1])
+        parts = {"t_s": t[table.node[rows]], "kind": np.full(len(rows), table.kind)}
+        parts |= {"sighting": rows} | {f"{n}_nis": values[rows] for n, values in nis.items()}
+        parts |= {"band_low": np.full(len(rows), low), "band_high": np.full(len(rows), high)}
+        for name, values in parts.items():
+            columns.setdefault(name, []).append(values)
+    return {name: np.concatenate(parts) for name, parts in columns.items()}
+
+
+def _band(dim: int) -> tuple[float, float]:
+    """Returns the limits of the central `NIS_PROBABILITY` of chi-square."""
     outside = 0.5 * (1.0 - NIS_PROBABILITY)
     low, high = chi2.ppf([outside, 1.0 - outside], dim)
+    return float(low), float(high)
+
+
+def _innovation_panel(ax: Axes, name: str, t: Array, nis: Array, dim: int) -> None:
+    low, high = _band(dim)
     known = np.flatnonzero(np.isfinite(nis))
     inside = (nis[known] >= low) & (nis[known] <= high)
     share = f": {inside.mean():.0%} inside" if len(known) else ""
@@ -107,6 +139,7 @@ def _innovation_panel(ax: Axes, name: str, t: Array, nis: Array, dim: int) -> No
     style: dict[str, Any] = {"ms": 3.2, "mew": 0, "alpha": 0.7, "color": method_colour(name)}
     ax.plot(t[chosen], np.maximum(nis[chosen], SMALLEST_NIS), ".", **style)
     ax.set_yscale("log")
+    ax.minorticks_off()
 
 
 def matches_per_line(record: Record) -> Plot | None:
@@ -114,11 +147,12 @@ def matches_per_line(record: Record) -> Plot | None:
     estimates = {n: e for n, e in record.estimates.items() if len(e.map)}
     if not estimates:
         return None
-    made, grid = figure(1.75 * len(estimates) + 0.5, len(estimates), 1)
+    made, grid = figure(1.75 * len(estimates) + 0.5, len(estimates), gap=(0.0, 0.55))
     for [ax], (name, estimate) in zip(grid, estimates.items(), strict=True):
         _match_bars(ax, record.match_counts(name), method_colour(name))
         _landmark_axis(ax, estimate)
         ax.set_title(name, loc="left", color=method_colour(name), weight="bold")
+    counts = np.concatenate([record.match_counts(name) for name in estimates])
     grid[-1][0].set_xlabel("landmark (number in the method's map.csv)")
     return Plot(
         "matches",
@@ -127,6 +161,11 @@ def matches_per_line(record: Record) -> Plot | None:
         "is the one that most of the landmark's sightings are of; wrong: it is another; not "
         "judged: it is not known.",
         to_svg(made, "matches", "Right and wrong matches of every landmark"),
+        {
+            "method": [name for name, estimate in estimates.items() for _ in estimate.map.id],
+            "landmark": np.concatenate([estimate.map.id for estimate in estimates.values()]),
+            **dict(zip(("right_count", "wrong_count", "not_judged_count"), counts.T, strict=True)),
+        },
     )
 
 
@@ -150,7 +189,7 @@ def _match_bars(ax: Axes, counts: IntArray, colour: str) -> None:
 
 def _landmark_axis(ax: Axes, estimate: Estimate) -> None:
     count = len(estimate.map)
-    every = stride(count, 40)
+    every = stride(count, MOST_TICKS)
     ax.set_xticks(np.arange(0, count, every), [str(i) for i in estimate.map.id[::every]])
     ax.set_xlim(-0.6, count - 0.4)
     ax.yaxis.set_major_locator(MaxNLocator(4, integer=True))

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import matplotlib
 import matplotlib.colors
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+
+from graphslam.arrays import AnyArray
 
 WIDTH = 9.6
 """Width of every figure, inches."""
@@ -26,8 +29,17 @@ METHOD_DASHES: Mapping[str, str | tuple[float, tuple[float, ...]]] = {
 }
 METHOD_WIDTHS = {"odometry": 1.4, "ekf": 2.8}
 """Line widths, points, on the plan: methods drawn first are wider, so that the last hides none."""
+MARGINS = (0.78, 0.12, 0.46, 0.34)
+"""Left, right, below and above the axes of a figure, inches."""
+MOST_STEPS = 5
+"""Intervals between the numbers along an axis; every number takes milliseconds to draw."""
+MOST_TICKS = 24
+"""Numbers along an axis of lines; of more lines every k-th."""
 MOST_POINTS = 1500
 """Points drawn of one curve; of a longer one every k-th."""
+
+Columns = Sequence[Any] | AnyArray
+"""One column of the file beside a plot."""
 
 _STYLE = {
     "svg.fonttype": "none",
@@ -53,6 +65,7 @@ _STYLE = {
     "grid.alpha": 0.12,
     "grid.linewidth": 0.5,
     "legend.frameon": False,
+    "legend.borderaxespad": 0.2,
     "legend.fontsize": 8.5,
     "legend.labelcolor": INK,
     "lines.linewidth": 1.2,
@@ -77,12 +90,14 @@ class Plot:
         title: a few words.
         caption: what is drawn: frame, unit, probability.
         svg: the image as an <svg> element, without an XML declaration.
+        data: the numbers that are drawn, by column; names end with the unit.
     """
 
     name: str
     title: str
     caption: str
     svg: str
+    data: Mapping[str, Columns]
 
     def inline(self) -> str:
         """Returns the image for our pages, which give each method a colour for light and dark."""
@@ -104,12 +119,45 @@ def style() -> matplotlib.RcParams:
 
 
 def figure(
-    height: float, rows: int = 1, columns: int = 1, **axes: object
+    height: float,
+    rows: int = 1,
+    columns: int = 1,
+    gap: tuple[float, float] = (0.75, 0.15),
+    **axes: object,
 ) -> tuple[Figure, list[list[Axes]]]:
-    """Returns a figure of the common width and ``height`` inches with a grid of axes."""
-    made = Figure(figsize=(WIDTH, height), layout="constrained")
+    """Returns a figure of the common width and ``height`` inches with a grid of axes.
+
+    The margins are fixed: measuring every text to lay a figure out takes as long as drawing it.
+
+    Args:
+        height: of the whole, inches.
+        rows: of axes.
+        columns: of axes.
+        gap: between columns and between rows, inches.
+        axes: what `Figure.subplots` takes.
+    """
+    left, right, bottom, top = MARGINS
+    made = Figure(figsize=(WIDTH, height))
     grid = made.subplots(rows, columns, squeeze=False, **axes)
+    each = (WIDTH - left - right - (columns - 1) * gap[0]) / columns
+    high = (height - bottom - top - (rows - 1) * gap[1]) / rows
+    made.subplots_adjust(
+        left=left / WIDTH,
+        right=1.0 - right / WIDTH,
+        bottom=bottom / height,
+        top=1.0 - top / height,
+        wspace=gap[0] / each,
+        hspace=gap[1] / high,
+    )
+    for ax in made.axes:
+        ax.locator_params(nbins=MOST_STEPS)
     return made, [list(row) for row in grid]
+
+
+def legend(made: Figure, *entries: Sequence[Any], **style: Any) -> None:
+    """Puts a legend in one row above a figure's axes."""
+    place = (MARGINS[0] / WIDTH, 1.0)
+    made.legend(*entries, loc="upper left", bbox_to_anchor=place, ncols=8, **style)
 
 
 def method_colour(method: str) -> str:

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from compare.metrics import nees
+from compare.replay import Frames
 from compare.results import read_run, write_estimate, write_json, write_sightings
 from compare.truth import Truth
 from graphslam.arrays import load_arrays, save_arrays
@@ -17,6 +19,8 @@ from graphslam.errors import BadConfig, BadMeasurements
 from graphslam.estimate import Estimate
 from graphslam.geometry import Array, compose, inverse, line_to_robot, wrap
 from graphslam.measurements import IntArray, Measurements
+
+FRAMES_FILE = "thumbnails.npz"
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +34,7 @@ class Record:
         metrics: content of ``metrics.json``; empty where no method ran.
         truth: what is true about the run, its path reduced to the nodes.
         timings: seconds by stage, content of ``timings.json``.
+        frames: some of the images, with the lines seen in them; None without images.
     """
 
     info: Mapping[str, Any]
@@ -38,6 +43,7 @@ class Record:
     metrics: Mapping[str, Any]
     truth: Truth
     timings: Mapping[str, float]
+    frames: Frames | None = None
 
     @property
     def true_pose(self) -> Array:
@@ -62,6 +68,18 @@ class Record:
         known = np.isfinite(error[:, 2])
         error[known, 2] = wrap(error[known, 2])
         return error
+
+    def pose_nees(self, method: str) -> Array:
+        """Returns e' C^-1 e / 3 of each pose (N,), errors as in `pose_error`.
+
+        NaN at node 0, where the error is none by definition, and where truth is unknown.
+        """
+        error = self.pose_error(method)
+        known = np.isfinite(error).all(axis=1)
+        known[0] = False
+        out = np.full(len(error), np.nan)
+        out[known] = nees(error[known], self.estimates[method].cov_floor[known])
+        return out
 
     def match_counts(self, method: str) -> IntArray:
         """Returns right, wrong and unjudged matches (M, 3) of each landmark of a method.
@@ -90,6 +108,8 @@ class Record:
         if self.estimates:
             write_json(folder / "metrics.json", self.metrics)
             _save_truth(folder / "truth.npz", self.truth)
+        if self.frames is not None:
+            self.frames.save(folder / FRAMES_FILE)
 
     @staticmethod
     def load(folder: Path) -> Record:
@@ -109,6 +129,7 @@ class Record:
             metrics=_load_json(folder / "metrics.json"),
             truth=_load_truth(folder / "truth.npz"),
             timings=_load_json(folder / "timings.json"),
+            frames=Frames.load(folder / FRAMES_FILE) if (folder / FRAMES_FILE).exists() else None,
         )
 
 

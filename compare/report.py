@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +16,13 @@ from compare import report_tables as tables
 from compare.plots import draw
 from compare.plots_style import method_colour, themed
 from compare.record import Record
+from compare.report_quality import lines_per_node, most_seen_line, within_limits, worst_residuals
+from compare.report_replay import REPLAY_NOTE, replay_json
 from compare.report_summary import summary
+from compare.results import write_csv
 from graphslam.errors import BadConfig
 
+SCRIPTS = ("pages.js", "replay.js")
 KINDS = {"odometry": "wheels alone", "ekf": "filter, causal", "smoother": "whole run at once"}
 MARK = '<meta name="generator" content="graphslam">'
 
@@ -38,7 +45,7 @@ class IndexEntry:
 
 
 def write_report(record: Record, folder: Path) -> None:
-    """Writes report.html and plots/*.svg of a run into its folder; equal records, equal bytes.
+    """Writes report.html and plots/* of a run into its folder; equal records, equal bytes.
 
     All that depends on how long the run took stands between ``<!-- timings -->`` and
     ``<!-- /timings -->``.
@@ -48,10 +55,12 @@ def write_report(record: Record, folder: Path) -> None:
     directory.mkdir(exist_ok=True)
     for plot in plots.values():
         _write(directory / f"{plot.name}.svg", plot.standalone())
+        write_csv(directory / f"{plot.name}.csv", plot.data)
     landmarks, matching = tables.landmarks(record), tables.matching(record.metrics)
     for table in (landmarks, matching):
         if table is not None:
             table["methods"] = [_method(name) for name in table["methods"]]
+    script = "\n".join(_source(name) for name in SCRIPTS)
     html = _template("report.html").render(
         name=record.info["log"]["name"],
         digest=record.info["log"]["digest"],
@@ -65,8 +74,19 @@ def write_report(record: Record, folder: Path) -> None:
         warnings=record.info["warnings"],
         unobserved=_unobserved(record),
         rejected=tables.rejected(record),
-        timings=[{"stage": k, "seconds": f"{v:.2f}"} for k, v in record.timings.items()],
+        timings=tables.timings(record.timings),
         plots=plots,
+        known={name: _method(name) for name in record.estimates},
+        has_truth=record.has_true_pose or len(record.true_lines) > 0,
+        frames=record.frames is not None,
+        within=within_limits(record),
+        per_node=lines_per_node(record),
+        most_seen=most_seen_line(record),
+        worst=worst_residuals(record),
+        replay=replay_json(record),
+        replay_note=REPLAY_NOTE,
+        script=script,
+        script_hash=base64.b64encode(sha256(script.encode()).digest()).decode(),
     )
     _write(folder / "report.html", html)
 
@@ -135,6 +155,11 @@ def _unobserved(record: Record) -> list[str]:
 
 def _method(name: str) -> dict[str, str]:
     return {"name": name, "colour": themed(method_colour(name)), "kind": KINDS.get(name, "")}
+
+
+def _source(name: str) -> str:
+    """Returns a file of the templates' folder as it is."""
+    return (resources.files("compare") / "templates" / name).read_text(encoding="utf-8")
 
 
 def _template(name: str) -> Any:

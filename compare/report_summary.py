@@ -26,8 +26,9 @@ class Figure:
     best: Callable[[Sequence[float]], float] | None = min
 
 
-SUMMARY: tuple[tuple[str, str, tuple[Figure, ...]], ...] = (
+SUMMARY: tuple[tuple[str, str, str, tuple[Figure, ...]], ...] = (
     (
+        "paths",
         "Path, from the common start",
         "not aligned",
         (
@@ -37,6 +38,7 @@ SUMMARY: tuple[tuple[str, str, tuple[Figure, ...]], ...] = (
         ),
     ),
     (
+        "paths",
         "Path, aligned",
         "after one rigid motion",
         (
@@ -46,6 +48,7 @@ SUMMARY: tuple[tuple[str, str, tuple[Figure, ...]], ...] = (
         ),
     ),
     (
+        "maps",
         "Map, aligned",
         "after a rigid motion of its own",
         (
@@ -55,6 +58,7 @@ SUMMARY: tuple[tuple[str, str, tuple[Figure, ...]], ...] = (
         ),
     ),
     (
+        "maps",
         "Lines",
         "",
         (
@@ -68,6 +72,7 @@ SUMMARY: tuple[tuple[str, str, tuple[Figure, ...]], ...] = (
         ),
     ),
     (
+        "matching",
         "Sightings",
         "",
         (
@@ -76,6 +81,7 @@ SUMMARY: tuple[tuple[str, str, tuple[Figure, ...]], ...] = (
         ),
     ),
     (
+        "consistency",
         "Honesty of the covariance",
         "1 is honest",
         (
@@ -85,6 +91,7 @@ SUMMARY: tuple[tuple[str, str, tuple[Figure, ...]], ...] = (
         ),
     ),
     (
+        "variance",
         "Claimed uncertainty",
         "one sigma",
         (
@@ -97,13 +104,16 @@ SUMMARY: tuple[tuple[str, str, tuple[Figure, ...]], ...] = (
 
 
 def summary(metrics: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Returns the groups of the table of methods; groups without any figure are left out."""
+    """Returns the groups of the table of methods, and the page each belongs to.
+
+    Groups without any figure are left out.
+    """
     groups = []
-    for title, note, figures in SUMMARY:
+    for page, title, note, figures in SUMMARY:
         rows = [_summary_row(figure, metrics["methods"]) for figure in figures]
         rows = [row for row in rows if any(cell["text"] != DASH for cell in row["cells"])]
         if rows:
-            groups.append({"title": title, "note": note, "rows": rows})
+            groups.append({"page": page, "title": title, "note": note, "rows": rows})
     return groups
 
 

@@ -216,3 +216,10 @@ def rejected(record: Record) -> list[dict[str, str]]:
         for reason, count in counts.items()
         if count
     ]
+
+
+def timings(seconds: Mapping[str, float]) -> list[dict[str, Any]]:
+    """Returns the time of each stage, and of all together."""
+    rows = [{"stage": k, "seconds": f"{v:.2f}", "total": False} for k, v in seconds.items()]
+    total = f"{sum(seconds.values()):.2f}"
+    return [*rows, {"stage": "all", "seconds": total, "total": True}]

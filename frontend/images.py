@@ -1,12 +1,33 @@
-"""Image files to grey images."""
+"""Image files to grey images, and to thumbnails."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from frontend.camera import Camera
+
+THUMBNAIL_QUALITY = 50
+"""JPEG quality of thumbnails, 0 to 100."""
+
+
+@dataclass(frozen=True, slots=True)
+class Thumbnail:
+    """A small copy of an image.
+
+    Attributes:
+        jpeg: the image, grey, as the bytes of a JPEG file.
+        width: pixels.
+        height: pixels.
+    """
+
+    jpeg: bytes
+    width: int
+    height: int
 
 
 def read_grey(path: Path) -> NDArray[np.uint8] | None:
@@ -21,3 +42,21 @@ def read_grey(path: Path) -> NDArray[np.uint8] | None:
     except (OSError, cv2.error):
         return None
     return None if image is None else np.asarray(image, np.uint8)
+
+
+def thumbnail(path: Path, width: int, camera: Camera | None = None) -> Thumbnail | None:
+    """Returns a copy of an image, at most ``width`` pixels wide, or None where it is unreadable.
+
+    With a camera its lens distortion is taken out, so that `Camera.floor_to_pixel` fits.
+    """
+    grey = read_grey(path)
+    if grey is None:
+        return None
+    if camera is not None and camera.distortion is not None:
+        grey = cv2.undistort(grey, camera.matrix, camera.distortion)
+    height, full = grey.shape
+    if full > width:
+        size = (width, max(1, round(height * width / full)))
+        grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+    _, jpeg = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, THUMBNAIL_QUALITY])
+    return Thumbnail(jpeg.tobytes(), grey.shape[1], grey.shape[0])

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import csv
+import hashlib
 import json
 import re
 import shutil
@@ -18,6 +21,7 @@ from compare.plots_sightings import matches_per_line
 from compare.plots_style import MOST_POINTS, stride, style
 from compare.record import Record
 from compare.report import rebuild_report, write_report
+from compare.report_quality import lines_per_node, worst_residuals
 from compare.report_summary import summary
 from compare.report_tables import fixed, number
 from compare.run import RunResult, run_log
@@ -25,8 +29,8 @@ from graphslam.errors import BadConfig, BadMeasurements
 from tests.compare.tiny_log import write_tiny_log
 
 VOID = {"meta", "link", "br", "img", "hr", "input"}
-SECTIONS = ["verdict", "methods", "plan", "errors", "map", "matches", "sightings"]
-SECTIONS += ["quality", "timings", "reading"]
+PAGES = ["verdict", "replay", "maps", "paths", "consistency", "matching", "variance"]
+PAGES += ["quality", "timings", "reading"]
 
 
 class Page(HTMLParser):
@@ -39,6 +43,7 @@ class Page(HTMLParser):
         self.ids: list[str] = []
         self.references: list[str] = []
         self.words: list[str] = []
+        self.data: list[str] = []
         self.feed(text)
         self.close()
 
@@ -62,7 +67,9 @@ class Page(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data: str) -> None:
-        if self.open and self.open[-1] != "style":
+        if self.open and self.open[-1] == "script":
+            self.data.append(data)
+        elif self.open and self.open[-1] != "style":
             self.words.append(data)
 
     @property
@@ -86,25 +93,34 @@ def page(result: RunResult) -> Page:
     return Page((result.folder / "report.html").read_text())
 
 
-def test_the_page_is_well_formed_and_has_every_section(page: Page) -> None:
+def test_the_report_is_well_formed_and_has_every_page(page: Page) -> None:
     assert page.open == []
-    assert [i for i in page.ids if i in SECTIONS] == SECTIONS
+    assert [i for i in page.ids if i in PAGES] == PAGES
     assert len(set(page.ids)) == len(page.ids)
 
 
 def test_the_page_needs_nothing_from_elsewhere(result: RunResult, page: Page) -> None:
     assert page.references
     assert all(reference.startswith("#") for reference in page.references)
-    assert not {"script", "link", "img", "iframe", "object"} & set(page.tags)
+    assert not {"link", "img", "iframe", "object"} & set(page.tags)
     html = (result.folder / "report.html").read_text()
     assert "@import" not in html
     assert all(target.startswith("#") for target in re.findall(r"url\(['\"]?(.)", html))
     assert "default-src 'none'" in html
+    assert not re.search(r"fetch\(|XMLHttpRequest|https?://(?!www\.w3\.org/)", html)
+
+
+def test_only_the_script_of_the_report_may_run(page: Page, result: RunResult) -> None:
+    data, script = page.data
+    html = (result.folder / "report.html").read_text()
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert re.findall(r"script-src ([^;\"]*)", html) == [f"'sha256-{digest}'"]
+    assert json.loads(data)["nodes"] == 60
 
 
 def test_every_reference_within_the_page_has_its_target(result: RunResult, page: Page) -> None:
     html = (result.folder / "report.html").read_text()
-    targets = {r[1:] for r in page.references} | set(re.findall(r"url\(#([^)]+)\)", html))
+    targets = {r[1:] for r in page.references} - {"all"} | set(re.findall(r"url\(#([^)]+)\)", html))
     assert targets <= set(page.ids)
 
 
@@ -127,7 +143,8 @@ def test_strings_of_the_log_are_escaped(record: Record, tmp_path: Path) -> None:
     info["rejected"] = {evil: 3}
     write_report(replace(record, info=info), tmp_path)
     html = (tmp_path / "report.html").read_text()
-    assert "<script" not in html
+    assert "<script>alert" not in html
+    assert html.count("<script") == 2
     assert f"{evil} & co" in Page(html).text
 
 
@@ -178,13 +195,15 @@ def test_one_method_alone_still_has_a_report(tmp_path: Path) -> None:
     result = run_log(log, tmp_path / "out", RunConfig(methods=("odometry",)))
     page = Page((result.folder / "report.html").read_text())
     assert page.open == []
-    assert "plan" in page.ids
-    assert "matches" not in page.ids
+    assert "maps" in page.ids
+    assert "nothing was matched" in page.text
+    assert "identifications" not in page.text
 
 
 def test_plots_are_well_formed_undated_and_carry_what_they_show_as_text(result: RunResult) -> None:
-    plots = sorted((result.folder / "plots").iterdir())
-    names = ["errors", "floor-plan", "map-errors", "matches", "nis", "sightings"]
+    plots = sorted((result.folder / "plots").glob("*.svg"))
+    names = ["errors", "floor-plan", "map-errors", "matches", "nees", "nis", "sightings"]
+    names += ["variance"]
     assert [p.stem for p in plots] == names
     for path in plots:
         text = path.read_text()
@@ -196,6 +215,53 @@ def test_plots_are_well_formed_undated_and_carry_what_they_show_as_text(result: 
     plan = (result.folder / "plots" / "floor-plan.svg").read_text()
     for word in ("truth", "odometry", "ekf", "smoother", "start", "x (m)"):
         assert f">{word}</text>" in plan
+
+
+def test_every_plot_has_its_numbers_beside_it_with_their_units(
+    result: RunResult, record: Record
+) -> None:
+    for path in (result.folder / "plots").glob("*.svg"):
+        with path.with_suffix(".csv").open(newline="") as stream:
+            rows = list(csv.DictReader(stream))
+        assert len(rows) > 5, path
+        names = {
+            n for n in rows[0] if n.startswith(("t_", "x", "y", "ekf_", "odometry_", "true_p"))
+        }
+        assert all(re.search(r"_(s|m|m2|mm|deg|deg2|node|nis|dof)$", name) for name in names), path
+    with (result.folder / "plots" / "variance.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    cov = record.estimates["ekf"].cov_floor
+    assert [float(row["ekf_variance_y_m2"]) for row in rows] == pytest.approx(cov[:, 1, 1])
+    heading = np.degrees(np.degrees(cov[:, 2, 2]))
+    assert [float(row["ekf_variance_heading_deg2"]) for row in rows] == pytest.approx(heading)
+
+
+def test_nees_over_time_averages_to_the_figure_in_metrics(record: Record) -> None:
+    for name in record.estimates:
+        nees = record.pose_nees(name)
+        assert np.isnan(nees[0])
+        figure = record.metrics["methods"][name]["pose_nees"]
+        assert float(np.mean(nees[1:])) == pytest.approx(figure, rel=1e-6)
+
+
+def test_shares_of_nodes_by_number_of_lines_add_up(record: Record) -> None:
+    table = lines_per_node(record)
+    assert table["columns"] == ["seen", "used by ekf", "used by smoother"]
+    shares = [[float(row["cells"][i].rstrip("%")) for row in table["rows"]] for i in range(3)]
+    assert [sum(column) for column in shares] == pytest.approx([100.0] * 3, abs=0.3)
+    count = record.measurements.sighting_count / len(record.measurements.t)
+    assert float(table["mean"][0]) == pytest.approx(count, abs=0.005)
+
+
+def test_worst_residuals_come_worst_first_with_their_node(record: Record) -> None:
+    table = worst_residuals(record)
+    assert table is not None
+    rows = [row for row in table["rows"] if row["method"] == "ekf"]
+    nis = np.sort(record.estimates["ekf"].nis)
+    nis = nis[np.isfinite(nis)][::-1]
+    assert [row["nis"] for row in rows] == [number(float(v)) for v in nis[: len(rows)]]
+    sightings = record.measurements.sightings["line"]
+    assert [row["node"] for row in rows] == sightings.node[[r["sighting"] for r in rows]].tolist()
 
 
 def test_true_poses_begin_at_the_start_and_errors_wrap(record: Record) -> None:

@@ -264,7 +264,8 @@ def test_progress_names_the_log_and_ends_every_stage(log: Path, tmp_path: Path) 
     seen: list[tuple[str, int, int]] = []
     run_log(log, tmp_path / "out", progress=lambda *step: seen.append(step))
     stages = list(dict.fromkeys(stage for stage, _, _ in seen))
-    expected = ["extract", "odometry", "ekf", "smoother", "compare", "write", "report"]
+    expected = ["extract", "odometry", "ekf", "smoother", "compare", "thumbnails", "write"]
+    expected += ["report"]
     assert stages == [f"tiny: {name}" for name in expected]
     last = {stage: (done, total) for stage, done, total in seen}
     assert all(done == total for done, total in last.values())

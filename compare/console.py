@@ -62,8 +62,9 @@ class Progress:
 
 
 def print_result(result: RunResult) -> None:
-    """Prints one run's figures, its verdict and where the report is, to standard output."""
+    """Prints a run's warnings to standard error, its figures, verdict and report to output."""
     assert result.comparison is not None
+    _warn(result)
     metrics = result.comparison.to_dict()
     table = Table(title=Text(result.log.name), title_justify="left", title_style="bold")
     table.add_column("method")
@@ -83,12 +84,18 @@ def print_result(result: RunResult) -> None:
 
 def print_extracted(result: RunResult) -> None:
     """Prints what a log was turned into, to standard output."""
+    _warn(result)
     measurements = result.measurements
     counts = ", ".join(f"{len(t)} {kind}" for kind, t in measurements.sightings.items())
     print(f"{result.log.name}: {len(measurements.t)} nodes, sightings: {counts or 'none'}")
     for reason, count in measurements.rejected.items():
         print(f"left out: {count} {reason}")
     print(result.folder)
+
+
+def _warn(result: RunResult) -> None:
+    for warning in result.warnings:
+        print(f"graphslam: warning: {result.log.name}: {warning}", file=sys.stderr)
 
 
 def _at(figures: Any, path: tuple[str, ...]) -> Any:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
+from compare.folders import recover, working_folder, writing
 from graphslam.arrays import AnyArray
 from graphslam.errors import BadConfig
 from graphslam.estimate import Estimate
@@ -148,6 +148,7 @@ def read_run(folder: Path) -> dict[str, Any]:
     Raises:
         BadConfig: the folder is not one that a run wrote.
     """
+    recover(folder)
     path = folder / "run.json"
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -161,6 +162,7 @@ def read_run(folder: Path) -> dict[str, Any]:
 
 def check_replaceable(folder: Path) -> None:
     """Raises BadConfig where ``folder`` exists and is not the folder of an earlier run."""
+    recover(folder)
     if not (folder.exists() or folder.is_symlink()):
         return
     try:
@@ -173,27 +175,36 @@ def check_replaceable(folder: Path) -> None:
 
 
 @contextmanager
-def whole_folder(folder: Path) -> Iterator[Path]:
+def whole_folder(folder: Path, check: Callable[[Path], None] = check_replaceable) -> Iterator[Path]:
     """Gives an empty folder beside ``folder`` to fill; it takes the final name when all is written.
 
-    An earlier run's folder is replaced then, and only then. If filling fails nothing is left.
+    An earlier run's folder is replaced then, and only then. If filling fails nothing is left; what
+    a killed process left is removed by the next one that writes the same folder.
+
+    Args:
+        folder: the final place.
+        check: raises BadConfig where the folder exists and may not be replaced.
 
     Raises:
-        BadConfig: ``folder`` exists and is not the folder of an earlier run.
+        BadConfig: see ``check``.
+        OSError: the folder cannot be written; the message names the place and the cure.
     """
     folder = folder.resolve()
-    check_replaceable(folder)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(prefix=f".{folder.name}.partial-", dir=folder.parent) as beside:
-        fresh, old = Path(beside) / "new", Path(beside) / "old"
-        fresh.mkdir()
-        yield fresh
-        check_replaceable(folder)
-        if folder.exists():
-            folder.rename(old)
-        try:
-            fresh.rename(folder)
-        except OSError:
-            if old.exists():
-                old.rename(folder)
-            raise
+    check(folder)
+    recover(folder)
+    with writing(folder):
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with working_folder(folder) as beside:
+            fresh, old = beside / "new", beside / "old"
+            fresh.mkdir()
+            with writing(folder, fresh):
+                yield fresh
+            check(folder)
+            if folder.exists():
+                folder.rename(old)
+            try:
+                fresh.rename(folder)
+            except OSError:
+                if old.exists():
+                    old.rename(folder)
+                raise

@@ -13,8 +13,10 @@ from typing import Any, TypeVar
 
 from compare.comparison import Comparison, compare
 from compare.config import RunConfig
+from compare.folders import writing
 from compare.methods import run_methods
 from compare.record import Record, truth_at_nodes
+from compare.replay import take_frames
 from compare.report import IndexEntry, check_index, write_index, write_report
 from compare.results import RUN_FORMAT, check_replaceable, whole_folder, write_json
 from compare.truth import truth_of
@@ -41,6 +43,7 @@ class RunResult:
         measurements: what was extracted from it.
         estimates: by method; empty after `extract_log`.
         comparison: the estimates judged; None after `extract_log`.
+        warnings: what is doubtful about the log, and what could not be used of it.
     """
 
     folder: Path
@@ -48,6 +51,7 @@ class RunResult:
     measurements: Measurements
     estimates: dict[str, Estimate]
     comparison: Comparison | None
+    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +117,8 @@ def run_logs(
     check_index(out)
     taken: set[str] = set()
     outcomes = tuple(_attempt(Path(path), out, taken, config, progress) for path in paths)
-    write_index(out, [_index_entry(outcome) for outcome in outcomes])
+    with writing(out):
+        write_index(out, [_index_entry(outcome) for outcome in outcomes])
     return outcomes
 
 
@@ -143,7 +148,7 @@ def extract_log(
     info = _info(log, measurements, config, {})
     with whole_folder(out) as folder:
         Record(info, measurements, {}, {}, truth_of(log, measurements), {}).save(folder)
-    return RunResult(out, log, measurements, {}, None)
+    return RunResult(out, log, measurements, {}, None, tuple(info["warnings"]))
 
 
 def _run(log: Log, out: Path, config: RunConfig | None, progress: Progress | None) -> RunResult:
@@ -153,19 +158,23 @@ def _run(log: Log, out: Path, config: RunConfig | None, progress: Progress | Non
     measurements = clock("extract", lambda: extract(log, config.extract, clock.inside("extract")))
     estimates = run_methods(measurements, config, clock)
     comparison = clock("compare", lambda: compare(log, measurements, list(estimates.values())))
+    frames = clock("thumbnails", lambda: take_frames(log, measurements, estimates))
+    info = _info(log, measurements, config, estimates)
     record = Record(
-        _info(log, measurements, config, estimates),
+        info,
         measurements,
         estimates,
         comparison.to_dict(),
         truth_at_nodes(comparison.truth, measurements),
         clock.seconds,
+        frames,
     )
     with whole_folder(out) as folder:
         clock("write", lambda: record.save(folder))
         clock("report", lambda: write_report(record, folder))
         write_json(folder / "timings.json", clock.seconds)
-    return RunResult(out, log, measurements, estimates, comparison)
+    warnings = tuple(info["warnings"])
+    return RunResult(out, log, measurements, estimates, comparison, warnings)
 
 
 def _attempt(

@@ -13,12 +13,15 @@ from typing import Any
 _EXPORTS = {
     "Camera": "frontend.camera",
     "extract": "frontend.extract",
+    "inspect": "frontend.inspect",
     "load_scenario": "frontend.simulate",
     "open_log": "frontend.log",
     "simulate": "frontend.simulate",
+    "simulate_log": "frontend.simulate",
+    "simulate_measurements": "frontend.simulate",
 }
 
-__all__ = ["Camera", "extract", "load_scenario", "open_log", "simulate"]
+__all__ = sorted(_EXPORTS)
 
 
 def __getattr__(name: str) -> Any:

@@ -1,0 +1,289 @@
+"""What a log holds, what it is good for, and what looks wrong in it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from frontend.config import DetectorConfig, ExtractConfig
+from frontend.findings import Evidence, Finding, odometry_findings
+from frontend.findings_seen import seen_findings
+from frontend.image_lines import lines_in_images
+from frontend.log import Log
+from frontend.moves import Moves, moves_of
+from frontend.turning import TurnCheck, check_turns
+from frontend.view import View, view_of
+from graphslam.geometry import Array
+from graphslam.measurements import IntArray
+
+Progress = Callable[[int, int], None]
+
+SAMPLE = 24
+"""Frames of the sample, evenly spaced over the log."""
+TURN_FRAMES = 160  # frames near turns that are searched for the sake of the clocks
+TURN_WINDOW_S = 4.0  # turning within this time about a frame makes it one of them
+TURN_STEP_S = 0.2  # frames are thinned to about this for it: a line has to turn by degrees
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """The times of one part of a log.
+
+    Attributes:
+        file: name of the file in a log folder.
+        rows: how many rows it has.
+        first_s: first time, s.
+        last_s: last time, s.
+        rate_hz: one over the median step between distinct times; NaN for a single time.
+        jitter_s: half the width that holds the middle 68 % of the steps, s; NaN likewise.
+        gap_s: longest step, s; NaN likewise.
+        gap_at_s: time before the longest step, s; NaN likewise.
+        overlap: share of its times that lie within the odometry's.
+    """
+
+    file: str
+    rows: int
+    first_s: float
+    last_s: float
+    rate_hz: float
+    jitter_s: float
+    gap_s: float
+    gap_at_s: float
+    overlap: float
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """The lines of one image, or of one moment of sightings.csv.
+
+    Attributes:
+        t: s.
+        image: row in ``images.csv``, or -1 where there is none of a camera that log.toml describes.
+        readable: whether the image could be read; True where none was opened.
+        z: (K, 2) lines ``(rho, alpha)``, robot frame, m and rad.
+        extent: (K, 2) stretch seen, m along each line; NaN where unknown.
+    """
+
+    t: float
+    image: int
+    readable: bool
+    z: Array
+    extent: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Need:
+    """What a log lacks for one purpose.
+
+    Attributes:
+        purpose: a method, or judging it.
+        missing: what to add; empty where nothing is missing.
+    """
+
+    purpose: str
+    missing: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Inspection:
+    """What `inspect` found out about a log.
+
+    Attributes:
+        name: of the log.
+        folder: where it lies.
+        sources: times of each part, odometry first.
+        driven_m: length of the way by odometry, m.
+        turned_rad: turns by odometry, either way added up, rad.
+        net_turn_rad: left turns less right turns, rad.
+        speed_mps: median (while moving) and largest speed by odometry, m/s.
+        wheel_rate: (2,) largest speed of the left and right wheel, rad/s; NaN without wheels.
+        views: what each floor camera sees.
+        images: how many images of floor cameras there are.
+        frames: the sample, `SAMPLE` frames evenly spaced over the log.
+        turns: turning of wheels against lines; None where the log tells nothing about it.
+        needs: what is missing for which purpose.
+        findings: what looks wrong.
+        warnings: what the reader of the log warned about.
+    """
+
+    name: str
+    folder: Path
+    sources: tuple[Source, ...]
+    driven_m: float
+    turned_rad: float
+    net_turn_rad: float
+    speed_mps: tuple[float, float]
+    wheel_rate: Array
+    views: tuple[View, ...]
+    images: int
+    frames: tuple[Frame, ...]
+    turns: TurnCheck | None
+    needs: tuple[Need, ...]
+    findings: tuple[Finding, ...]
+    warnings: tuple[str, ...]
+
+
+def inspect(
+    log: Log, detector: DetectorConfig | None = None, progress: Progress | None = None
+) -> Inspection:
+    """Returns what a log holds, what it lacks for which purpose, and what looks wrong in it.
+
+    Up to `SAMPLE` images, evenly spaced, and as many as 160 next to turns are searched for lines.
+
+    Args:
+        log: the recording.
+        detector: how to look for lines; None for the defaults.
+        progress: called with (images searched, images in all).
+
+    Raises:
+        BadLog: an image has not the size that the log states.
+    """
+    detector = detector or DetectorConfig()
+    moves = moves_of(log)
+    t, rows = _moments(log)
+    sampled = np.unique(np.linspace(0, len(t) - 1, SAMPLE).round().astype(int)) if len(t) else rows
+    turning = _near_turns(t, moves)
+    look = partial(_look, log, ExtractConfig(detector, workers=1), t, rows)
+    found = _in_parallel(look, np.union1d(sampled, turning), progress)
+    sample = tuple(found[i] for i in sampled.tolist())
+    alphas = [found[i].z[:, 1] for i in turning.tolist()]
+    turns = check_turns(moves.t, moves.heading, t[turning], alphas, _sigma_alpha(log, detector))
+    cameras = [log.cameras[name] for name in sorted(log.cameras)]
+    views = tuple(view_of(camera, detector.coarsest_pixel_m) for camera in cameras)
+    evidence = Evidence(log, moves, views, sample, turns, detector)
+    return Inspection(
+        name=log.name,
+        folder=log.folder,
+        sources=tuple(_sources(log)),
+        driven_m=float(moves.length.sum()),
+        turned_rad=moves.turned(),
+        net_turn_rad=float(moves.heading[-1]),
+        speed_mps=moves.typical_speed(),
+        wheel_rate=_wheel_rate(log),
+        views=views,
+        images=len(log.floor_images()),
+        frames=sample,
+        turns=turns,
+        needs=tuple(_needs(log)),
+        findings=(*odometry_findings(evidence), *seen_findings(evidence)),
+        warnings=log.warnings,
+    )
+
+
+def _moments(log: Log) -> tuple[Array, IntArray]:
+    """Returns times (F,) that lines may be seen at, and the first row of each: image or sighting.
+
+    Images are those of the floor camera with the most of them, so that no two share a time.
+    """
+    if log.sightings is not None:
+        return np.unique(log.sightings.t, return_index=True)
+    numbers = log.floor_images()
+    if log.images is None or not len(numbers):
+        return np.zeros(0), np.zeros(0, np.int64)
+    names = np.array(log.images.camera)[numbers]
+    kinds, counts = np.unique(names, return_counts=True)
+    numbers = numbers[names == kinds[counts.argmax()]]
+    return log.images.t[numbers], numbers
+
+
+def _near_turns(t: Array, moves: Moves) -> IntArray:
+    """Returns the rows (T,) of the moments (F,) about which the robot turns most, in order."""
+    if len(t) < 2:
+        return np.zeros(0, np.int64)
+    rows = np.arange(0, len(t), max(1, round(TURN_STEP_S / float(np.median(np.diff(t))))))
+    half = 0.5 * TURN_WINDOW_S
+    turn = np.abs(moves.heading_at(t[rows] + half) - moves.heading_at(t[rows] - half))
+    return np.sort(rows[np.argsort(-turn, kind="stable")[:TURN_FRAMES]])
+
+
+def _look(log: Log, config: ExtractConfig, t: Array, rows: IntArray, moment: int) -> Frame:
+    """Returns the lines of a moment, read from the log or found in its image."""
+    if log.sightings is not None:
+        last = rows[moment + 1] if moment + 1 < len(rows) else len(log.sightings.t)
+        part = slice(rows[moment], last)
+        z, extent = log.sightings.z[part], log.sightings.extent[part]
+        return Frame(float(t[moment]), _image_at(log, float(t[moment])), True, z, extent)
+    number = int(rows[moment])
+    lines, _, unreadable = lines_in_images(log, np.array([number]), config)
+    return Frame(float(t[moment]), number, not unreadable, lines.z, lines.extent)
+
+
+def _sigma_alpha(log: Log, detector: DetectorConfig) -> float:
+    """Returns the standard deviation of a line's direction, rad."""
+    if log.sightings is not None and len(log.sightings.t):
+        return float(np.sqrt(np.median(log.sightings.cov[:, 1, 1])))
+    return float(np.radians(detector.sigma_alpha_deg))
+
+
+def _image_at(log: Log, t: float) -> int:
+    if log.images is None:
+        return -1
+    rows = np.flatnonzero(log.images.t == t).tolist()
+    return next((row for row in rows if log.images.camera[row] in log.cameras), -1)
+
+
+def _in_parallel(
+    look: Callable[[int], Frame], moments: IntArray, progress: Progress | None
+) -> dict[int, Frame]:
+    """Returns the frames of moments; OpenCV releases the interpreter lock, so threads do."""
+    found: dict[int, Frame] = {}
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for moment, frame in zip(moments.tolist(), pool.map(look, moments.tolist()), strict=True):
+            found[moment] = frame
+            if progress is not None:
+                progress(len(found), len(moments))
+    return found
+
+
+def _wheel_rate(log: Log) -> Array:
+    if log.wheels is None:
+        return np.full(2, np.nan)
+    rate = np.diff(log.wheels.angle, axis=0) / np.diff(log.wheels.t)[:, None]
+    return np.asarray(np.abs(rate).max(axis=0))
+
+
+def _sources(log: Log) -> Iterator[Source]:
+    parts = {
+        "wheels.csv": log.wheels,
+        "odometry.csv": log.odometry,
+        "images.csv": log.images,
+        "sightings.csv": log.sightings,
+        "tags.csv": log.pose_fixes,
+        "groundtruth.tum": log.truth,
+    }
+    known = (log.wheels or log.odometry).t  # type: ignore[union-attr]
+    for file, part in parts.items():
+        if part is None or not len(part.t):
+            continue
+        t = np.unique(part.t)
+        inside = float(np.mean((t >= known[0]) & (t <= known[-1])))
+        step = np.diff(t)
+        if len(step):
+            low, high = np.percentile(step, [16, 84])
+            gap = int(step.argmax())
+            times = (1 / np.median(step), 0.5 * (high - low), step[gap], t[gap])
+        else:
+            times = (np.nan,) * 4
+        yield Source(file, len(part.t), float(t[0]), float(t[-1]), *map(float, times), inside)
+
+
+def _needs(log: Log) -> Iterator[Need]:
+    """Yields what is missing for each purpose."""
+    images = log.images is not None and len(log.floor_images()) > 0
+    sensor = images or log.sightings is not None or log.pose_fixes is not None
+    lines = () if sensor else ("images.csv with a [camera], sightings.csv or tags.csv",)
+    path = () if log.truth is not None else ("groundtruth.tum",)
+    lines_true = () if log.map is not None else ("map.csv",)
+    start = () if log.start_given and not log.start_sigma.any() else ("[start] with sigma 0",)
+    yield Need("odometry", ())
+    yield Need("ekf", lines)
+    yield Need("smoother", lines)
+    yield Need("judging the path", path)
+    yield Need("judging the map", lines_true)
+    yield Need("judging consistency", (*path, *start))

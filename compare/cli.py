@@ -20,11 +20,14 @@ from tyro.constructors import (
     StructTypeInfo,
 )
 
+from compare.commands.calibrate import Calibrate
 from compare.commands.common import DONE, FAILED, INTERRUPTED, complain
 from compare.commands.config import Config
+from compare.commands.inspect import Inspect
 from compare.commands.report import Report
 from compare.commands.run import Extract, Run
 from compare.commands.simulate import Simulate
+from compare.commands.study import Study
 from compare.config import RunConfig, field_docs, load_config
 from frontend.config import ExtractConfig
 from graphslam.config import MatchingConfig
@@ -87,10 +90,14 @@ def parse(arguments: Sequence[str]) -> Command:
     missing: Any = tyro.MISSING
     run = Run(logs=missing, settings=settings)
     extract = Extract(log=missing, out=missing, extract=settings.extract)
+    study = Study(scenario=missing, out=missing, settings=settings)
     commands = (
         Annotated[Run, subcommand("run", default=run)]
         | Annotated[Extract, subcommand("extract", default=extract)]
         | Annotated[Simulate, subcommand("simulate")]
+        | Annotated[Study, subcommand("study", default=study)]
+        | Annotated[Inspect, subcommand("inspect")]
+        | Annotated[Calibrate, subcommand("calibrate")]
         | Annotated[Report, subcommand("report")]
         | Annotated[Config, subcommand("config")]
     )

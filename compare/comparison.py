@@ -103,6 +103,13 @@ class Comparison:
                 return entry
         raise KeyError(method)
 
+    @property
+    def verdict(self) -> tuple[str, ...]:
+        """What follows from the figures, in sentences; see `compare.verdict`."""
+        from compare.verdict import verdict
+
+        return verdict(self)
+
     def to_dict(self) -> dict[str, Any]:
         """Returns the content of metrics.json; see `compare.content`."""
         from compare.content import comparison_content

@@ -13,7 +13,6 @@ from compare.agreement import Agreement, MapAgreement
 from compare.comparison import Comparison, MethodMetrics
 from compare.maps import MapLines, MapMetrics
 from compare.matching import MatchingTable
-from compare.verdict import verdict
 
 METRICS_FORMAT = "graphslam-metrics/1"
 DIGITS = 12
@@ -35,7 +34,7 @@ def comparison_content(comparison: Comparison) -> dict[str, Any]:
         },
         "methods": {entry.method: _method(entry) for entry in comparison.methods},
         "agreement": [_agreement(entry) for entry in comparison.agreement],
-        "verdict": verdict(comparison),
+        "verdict": comparison.verdict,
     }
     return dict(plain(content))
 

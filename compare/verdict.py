@@ -10,6 +10,7 @@ import scipy.special
 
 from compare.agreement import Agreement
 from compare.comparison import Comparison, MethodMetrics
+from compare.noise import noise_sentence
 
 WORTH_SHARE = 0.20
 """A difference matters only above this share of the larger figure, ..."""
@@ -51,6 +52,7 @@ def verdict(comparison: Comparison) -> tuple[str, ...]:
     pair = filter_and_smoother(methods)
     judged = any(m.trajectory is not None or m.map is not None for m in methods)
     findings = tuple(_judged_findings(methods, pair) if judged else _sigma_findings(methods, pair))
+    noise = noise_sentence(comparison)
     return (
         *_headline(findings, pair, judged),
         *([] if judged else [NO_TRUTH]),
@@ -62,6 +64,7 @@ def verdict(comparison: Comparison) -> tuple[str, ...]:
         *_right_matches(methods),
         *_consistency(methods),
         *_cautions(methods),
+        *([noise] if noise else []),
     )
 
 

@@ -41,13 +41,13 @@ class DetectorConfig:
     """Largest distance of a supporting edge pixel from its line, pixels."""
     min_support: int = 15
     """Fewest edge pixels that make one edge of a line."""
-    min_run: int = 8
+    min_run: int = 6
     """Fewest edge pixels in a row (without a gap) that count; crossings may part a line into
     several such runs."""
     min_coverage: float = 0.4
     """Smallest share of an edge's stretch that its edge pixels cover; below it, short runs that
     are far apart are in line by chance."""
-    max_gap_px: float = 5.0
+    max_gap_px: float = 8.0
     """Longest gap inside such a run, pixels."""
     coarsest_pixel_m: float = 0.03
     """Edge pixels that cover more floor than this across their edge are ignored (near the
@@ -78,10 +78,42 @@ class DetectorConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class NoiseConfig:
+    """Noise of wheels and sightings, in place of what log.toml and the detector say.
+
+    `graphslam calibrate --noise LOG` finds it.
+    """
+
+    noise_left: float | None = None
+    """k of the left wheel's noise, as in log.toml; absent: log.toml's."""
+    noise_right: float | None = None
+    """The same of the right wheel."""
+    slip: tuple[float, float, float] | None = None
+    """Slip along x, y (m) and of the heading (rad) for each square root of a metre, as in log.toml;
+    absent: log.toml's."""
+    rho_factor: float = 1.0
+    """Factor on the standard deviation of rho of every line sighting, the detector's or that of
+    sightings.csv."""
+    alpha_factor: float = 1.0
+    """The same for alpha."""
+
+    def __post_init__(self) -> None:
+        for name in ("rho_factor", "alpha_factor"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise BadConfig(f"{name} = {value}: must be finite and positive")
+        for value in (self.noise_left, self.noise_right, *(self.slip or ())):
+            if value is not None and not 0 <= value <= 1e9:
+                raise BadConfig(f"noise or slip = {value}: must be from 0 to 1e9")
+
+
+@dataclass(frozen=True, slots=True)
 class ExtractConfig:
     """From a log to measurements."""
 
     detector: DetectorConfig = field(default_factory=DetectorConfig)
+    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    """Noise in place of what log.toml and the detector say."""
     workers: int = 0
     """Threads that look at images at the same time; 0: as many as the machine has cores."""
     from_s: float | None = None

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
-from frontend.config import ExtractConfig
+from frontend.config import ExtractConfig, NoiseConfig
 from frontend.log import UNKNOWN_WHEELS, Log
 from frontend.truth import true_lines
 from graphslam.errors import BadConfig, BadLog
 from graphslam.geometry import Array, wrap
 from graphslam.measurements import IntArray, Measurements, Odometry, Sightings
-from graphslam.models.odometry import increments_from_poses, increments_from_wheels
+from graphslam.models.odometry import (
+    DifferentialDrive,
+    increments_from_poses,
+    increments_from_wheels,
+)
 
 Progress = Callable[[int, int], None]
 
@@ -53,12 +58,12 @@ def extract(
     lines = _given_lines(log, chosen, t, rejected)
     if lines is None:
         lines = _seen_lines(log, t, config, rejected, progress)
-    tables = (lines, _pose_fixes(log, chosen, t, rejected))
+    tables = (_with_noise(lines, config.noise), _pose_fixes(log, chosen, t, rejected))
     return Measurements(
         t=t,
         start_pose=log.start_pose,
         start_cov=np.diag(np.maximum(log.start_sigma, KNOWN_SIGMA) ** 2),
-        odometry=_odometry(log, t),
+        odometry=odometry_at(log, t, config.noise),
         sightings={table.kind: table for table in tables if table is not None},
         rejected={reason: count for reason, count in sorted(rejected.items()) if count},
     )
@@ -67,27 +72,50 @@ def extract(
 def extraction_warnings(log: Log, measurements: Measurements) -> tuple[str, ...]:
     """Returns what the user should know about measurements extracted from a log."""
     rejected, found = measurements.rejected, []
+    lines = measurements.sightings.get("line")
     if UNREADABLE in rejected:
-        found.append(f"images that could not be read and were left out: {rejected[UNREADABLE]}")
+        found.append(
+            f"images that could not be read and were left out: {rejected[UNREADABLE]}, first "
+            f"{_first_unreadable(log, measurements)}; write them again, or remove their rows from "
+            "images.csv"
+        )
+    used, known, odometry = measurements.t, _odometry_times(log), odometry_file(log)
     if NODE_OUTSIDE in rejected:
         found.append(
-            f"nodes outside the wheel record that were dropped: {rejected[NODE_OUTSIDE]}; images "
-            "and sightings need odometry before and after them"
+            f"nodes outside the wheel record that were dropped: {rejected[NODE_OUTSIDE]}; "
+            f"{odometry} lasts from t = {known[0]:.12g} s to {known[-1]:.12g} s: start it before "
+            "and stop it after images and sightings"
         )
-    first, used = _node_times(log)[0], measurements.t[0]
-    if log.start_given and used > first:
+    first = _node_times(log)[0]
+    if log.start_given and used[0] > first:
         found.append(
-            f"[start] counts as the pose at t = {used:g} s, the first node used, though the log "
-            f"begins at t = {first:g} s"
+            f"[start] counts as the pose at t = {used[0]:.12g} s, the first node used, "
+            f"though the log begins at t = {first:.12g} s; write that pose into log.toml"
         )
-    lines = measurements.sightings.get("line")
     if lines is not None and not len(lines):
-        found.append("no line was seen: only odometry (and pose fixes) remain to estimate from")
+        found.append(
+            "no line was seen: only odometry (and pose fixes) remain to estimate from; look at "
+            "the picture that `graphslam inspect` writes"
+        )
     if lines is not None and len(lines) and _one_direction(measurements, lines):
         found.append(
-            "lines of one direction only were seen: the position along them is not observed"
+            "lines of one direction only were seen: the position along them is not observed; "
+            "drive where lines cross"
         )
     return tuple(found)
+
+
+def _first_unreadable(log: Log, measurements: Measurements) -> str:
+    """Returns the first image that cannot be read, as images.csv names it."""
+    from frontend.images import read_grey
+
+    assert log.images is not None, "only images can be unreadable"
+    shown = measurements.sightings["line"].source
+    numbers = log.floor_images()
+    numbers = numbers[np.isin(log.images.t[numbers], measurements.t) & ~np.isin(numbers, shown)]
+    files = (log.images.file[number] for number in numbers)
+    root = log.folder.resolve()
+    return next(f.relative_to(root).as_posix() for f in files if read_grey(f) is None)
 
 
 # ---- nodes and odometry -----------------------------------------------------------------------
@@ -100,6 +128,11 @@ def _node_times(log: Log) -> Array:
         times.append(log.images.t[log.floor_images()])
     t = np.unique(np.concatenate([np.zeros(0), *times]))
     return t if len(t) else _odometry_times(log)
+
+
+def odometry_file(log: Log) -> str:
+    """Returns the name of the file in a log folder that odometry is taken from."""
+    return "wheels.csv" if log.wheels is not None else "odometry.csv"
 
 
 def _odometry_times(log: Log) -> Array:
@@ -119,7 +152,8 @@ def _chosen(t: Array, log: Log, config: ExtractConfig) -> Array:
     if not len(chosen):
         raise BadConfig(
             f"nothing of {log.name} lies between from_s = {config.from_s} and to_s = "
-            f"{config.to_s}; it lasts from t = {t[0]:g} s to {t[-1]:g} s"
+            f"{config.to_s}; it lasts from t = {t[0]:.12g} s to {t[-1]:.12g} s: choose --from and "
+            "--to within"
         )
     return chosen
 
@@ -131,14 +165,23 @@ def _recorded(log: Log, t: Array, rejected: Counter[str]) -> Array:
     rejected[NODE_OUTSIDE] += len(t) - len(inside)
     if not len(inside):
         raise BadLog(
-            f"{log.folder}: odometry lasts from t = {known[0]:g} s to {known[-1]:g} s, images and "
-            f"sightings from t = {t[0]:g} s to {t[-1]:g} s; give both one clock"
+            f"{log.folder / odometry_file(log)}: odometry lasts from t = {known[0]:.12g} s to "
+            f"{known[-1]:.12g} s, images and sightings from t = {t[0]:.12g} s to {t[-1]:.12g} s; "
+            "give both one clock"
         )
     return inside
 
 
-def _odometry(log: Log, t: Array) -> Odometry:
-    drive = log.robot or UNKNOWN_WHEELS
+def assumed_drive(log: Log, noise: NoiseConfig) -> DifferentialDrive:
+    """Returns the log's robot with the noise that stands in place of its own."""
+    given = {name: getattr(noise, name) for name in ("noise_left", "noise_right", "slip")}
+    changed = {name: value for name, value in given.items() if value is not None}
+    return replace(log.robot or UNKNOWN_WHEELS, **changed)
+
+
+def odometry_at(log: Log, t: Array, noise: NoiseConfig) -> Odometry:
+    """Returns the odometry between nodes at times (N,), s, increasing, within the wheel record."""
+    drive = assumed_drive(log, noise)
     if log.wheels is not None:
         increment, cov = increments_from_wheels(log.wheels.t, log.wheels.angle, t, drive)
         return Odometry(increment, cov, log.wheels.t, log.wheels.angle)
@@ -174,6 +217,13 @@ def _given_lines(log: Log, chosen: Array, t: Array, rejected: Counter[str]) -> S
         extent=given.extent[rows],
         truth=truth,
     )
+
+
+def _with_noise(lines: Sightings | None, noise: NoiseConfig) -> Sightings | None:
+    if lines is None or noise.rho_factor == noise.alpha_factor == 1.0:
+        return lines
+    factors = np.array([noise.rho_factor, noise.alpha_factor])
+    return replace(lines, cov=lines.cov * np.outer(factors, factors))
 
 
 def _pose_fixes(log: Log, chosen: Array, t: Array, rejected: Counter[str]) -> Sightings | None:
@@ -238,9 +288,13 @@ def _seen_lines(
 
 
 def _one_direction(measurements: Measurements, lines: Sightings) -> bool:
-    """Returns whether all lines, but a few misread ones, have one direction on the floor."""
     turned = np.concatenate([[0.0], np.cumsum(measurements.odometry.increment[:, 2])])
-    double = 2.0 * (lines.z[:, 1] + turned[lines.node])  # modulo pi: twins have one direction
+    return one_direction(lines.z[:, 1] + turned[lines.node])
+
+
+def one_direction(alpha_floor: Array) -> bool:
+    """Returns whether all lines (K,), but a few misread ones, have one direction, modulo pi."""
+    double = 2.0 * alpha_floor  # twins have one direction
     main = np.angle(np.mean(np.exp(1j * double)))
     off = np.count_nonzero(np.abs(wrap(double - main)) > 2.0 * ONE_DIRECTION)
-    return bool(off <= min(4, len(lines) // 20))
+    return bool(off <= min(4, len(alpha_floor) // 20))

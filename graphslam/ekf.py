@@ -43,6 +43,25 @@ def run_ekf(
     return _Filter(measurements, config or EkfConfig(), linearise_at).run()
 
 
+def innovation_log_likelihood(measurements: Measurements, at: Estimate) -> float:
+    """Returns the log-likelihood of all innovations under the noise that the measurements state.
+
+    The filter is linearised at ``at`` and takes its matches, so that measurements which differ in
+    their covariances only can be compared. The sightings that start landmarks do not count: a
+    landmark has no prior.
+
+    Args:
+        measurements: nodes, odometry, sightings, with the covariances to be judged.
+        at: path, map and matches; an estimate from the same nodes and sightings.
+
+    Raises:
+        BadMeasurements: ``at`` does not belong to these measurements.
+    """
+    run = _Filter(measurements, EkfConfig(), at)
+    run.run()
+    return run.state.log_likelihood
+
+
 class _Filter:
     """One run of the filter: the joint state, and what became of each sighting."""
 

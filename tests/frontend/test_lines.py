@@ -15,6 +15,7 @@ import pytest
 
 from frontend.camera import Camera
 from frontend.config import DetectorConfig
+from frontend.hough import find_edge_pixels
 from frontend.lines import DetectedLines, detect_lines, line_covariance
 from graphslam.errors import BadConfig, BadLog
 from graphslam.geometry import (
@@ -23,6 +24,7 @@ from graphslam.geometry import (
     line_to_robot,
     nearest_twin,
     offset_error,
+    points_on_line,
     wrap,
 )
 
@@ -174,21 +176,75 @@ def test_random_lattices_are_seen_whole_and_without_phantoms() -> None:
     assert seen >= 0.95 * wanted
 
 
-def test_crossings_that_lie_in_line_by_chance_make_no_line() -> None:
-    camera = CAMERAS["160x120"]
-    lattice = np.array([[k * 0.1, a] for a in (0.0, np.pi / 2) for k in range(-20, 21)])
+def test_a_line_ends_where_it_ends_whatever_dirt_lies_beyond() -> None:
+    camera, line, end = CAMERAS["320x240"], np.array([0.02, 1.5]), 0.65
     rng = np.random.default_rng(12)
-    for _ in range(12):
-        pose = np.append(rng.uniform(0.0, 0.1, 2), rng.uniform(-np.pi, np.pi))
-        lines = line_to_robot(lattice, pose)
+    for _ in range(8):
         floor = Floor(camera)
-        for line in lines:
-            floor.draw(line)
-        found = detect_lines(floor.image(rng), camera, DetectorConfig())
-        nearest, offset, angle = errors(found, lines)
-        assert len(set(nearest)) == len(nearest) > 10
-        assert np.abs(offset).max() < 3e-3
-        assert np.degrees(np.abs(angle)).max() < 1.0
+        floor.grey[(np.abs(floor.across(line)) < 0.004) & (floor.point[..., 0] < end)] = 60.0
+        image = floor.image(rng)
+        for u, v in rng.uniform((0, 0), camera.image_size, (150, 2)).astype(int):
+            cv2.circle(image, (int(u), int(v)), int(rng.integers(1, 4)), rng.uniform(30, 200), -1)
+        found = detect_lines(image, camera, DetectorConfig())
+        assert_found(found, line[None], angle_deg=0.7)
+        ends = points_on_line(np.repeat(found.z, 2, axis=0), found.extent[0])
+        assert abs(ends[:, 0].max() - end) < 0.04
+
+
+def test_rows_of_dots_are_no_line_and_hide_none() -> None:
+    camera = CAMERAS["320x240"]
+    floor = Floor(camera)
+    floor.grey[(np.abs(floor.across(LINES[1])) < 0.004) & (floor.point[..., 0] < 0.36)] = 60.0
+    image = floor.image(np.random.default_rng(14))
+    for u in range(15, 320, 10):
+        for v in range(12, 140, 10):
+            cv2.circle(image, (u, v), 3, 60, -1)
+    found = detect_lines(image, camera, DetectorConfig())
+    assert_found(found, LINES[1:2], angle_deg=0.5)
+
+
+def test_edges_that_do_not_face_each_other_are_no_line() -> None:
+    camera = CAMERAS["320x240"]
+    floor = Floor(camera)
+    x, y = floor.point[..., 0], floor.point[..., 1]
+    floor.grey[((x < 0.6) & (y > 0.0)) | ((x > 0.6) & (y < 0.01))] = 60.0
+    found = detect_lines(floor.image(np.random.default_rng(15)), camera, DetectorConfig())
+    assert len(found) == 0
+    assert found.rejected["one edge only"] >= 2
+
+
+def test_a_groove_that_widens_is_found_at_its_middle() -> None:
+    camera, line = CAMERAS["320x240"], np.array([0.0, np.pi / 2])
+    floor = Floor(camera)
+    x = floor.point[..., 0]
+    floor.grey[np.abs(floor.across(line)) < 0.5 * (0.006 + 0.025 * (x - 0.4))] = 60.0
+    found = detect_lines(floor.image(np.random.default_rng(16)), camera, DetectorConfig())
+    assert_found(found, line[None])
+
+
+def test_a_blurred_edge_does_not_bend_where_it_leaves_the_image() -> None:
+    camera = CAMERAS["320x240"]
+    u, v = np.meshgrid(np.arange(320.0), np.arange(240.0))
+    across = (v - 226.0 - 0.06 * u) / np.hypot(1.0, 0.06)
+    image = np.rint(120.0 + 50.0 * np.tanh(across / 1.5)).astype(np.uint8)
+    edges = find_edge_pixels(image, camera, DetectorConfig())
+    off = (edges.point[:, 1] - 226.0 - 0.06 * edges.point[:, 0]) / np.hypot(1.0, 0.06)
+    assert len(edges) > 100
+    assert np.abs(off).max() < 0.15
+
+
+def test_edges_of_a_bent_image_face_across_the_straight_line() -> None:
+    camera, line = CAMERAS["320x240 bent"], np.array([0.4, 0.7])
+    floor = Floor(camera).draw(line, 0.02)
+    edges = find_edge_pixels(floor.image(), camera, DetectorConfig())
+    ends = camera.floor_to_pixel(points_on_line(line, np.array([-0.2, 0.2])))
+    along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    tilt = np.arctan2(edges.normal @ along, edges.normal @ (-along[1], along[0]))
+    position = (edges.point - (159.5, 119.5)) @ along
+    for side in (position > 100.0, position < -100.0):
+        one_edge = side & (np.abs(tilt) < 0.5)
+        assert np.count_nonzero(one_edge) > 20
+        assert abs(np.degrees(np.median(tilt[one_edge]))) < 1.0
 
 
 def test_the_middle_does_not_move_when_one_edge_is_hidden_in_part() -> None:

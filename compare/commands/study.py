@@ -1,0 +1,97 @@
+"""`graphslam study`."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+from tyro.conf import arg
+
+from compare.commands.common import DONE, FAILED, SOME_FAILED, ConfigFile
+from compare.config import RunConfig
+
+if TYPE_CHECKING:
+    from compare.study import Study as Result
+    from compare.study import Summary
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """Simulate one scenario many times and judge every method on each run, without images.
+
+    A killed study goes on where it stopped when the same command is given again.
+
+    Example: graphslam study grid --runs 200 --out studies/grid
+    """
+
+    scenario: Annotated[str, tyro.conf.Positional, arg(metavar="SCENARIO")]
+    """A scenario file (.toml), or the name of one that is shipped."""
+    out: Annotated[Path, arg(metavar="DIR")]
+    """Folder to write, or to go on in: study.json, runs.jsonl, runs.csv and summary.csv."""
+    runs: int = 200
+    """How many runs; run number N has the seed N."""
+    jobs: int = 0
+    """Worker processes, one BLAS thread each; 0: as many as the machine has cores. It changes no
+    result."""
+    config_file: ConfigFile = None
+    """TOML file of settings, as `graphslam config` prints them; flags override it."""
+    settings: Annotated[RunConfig, arg(name="")] = field(default_factory=RunConfig)
+    """Settings of each run."""
+
+    def execute(self) -> int:
+        """Does the runs that are missing, writes the tables and prints the summary."""
+        from compare.console import Progress
+        from compare.study import study
+        from frontend.simulate import load_scenario
+
+        with Progress() as progress:
+            result = study(
+                load_scenario(self.scenario),
+                self.runs,
+                self.out,
+                self.settings,
+                jobs=self.jobs,
+                progress=progress,
+            )
+        for run in result.failed[:3]:
+            print(f"graphslam: run {run.run} failed: {run.error}", file=sys.stderr)
+        _print_summary(result)
+        print(self.out / "runs.csv")
+        if not result.failed:
+            return DONE
+        return FAILED if len(result.failed) == len(result.runs) else SOME_FAILED
+
+
+def _print_summary(result: Result) -> None:
+    """Prints median, mean and worst of each figure, one column a method."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    good = len(result.runs) - len(result.failed)
+    title = f"{result.scenario}: {good} of {len(result.runs)} runs; median / mean / worst"
+    table = Table(title=Text(title), title_justify="left", title_style="bold")
+    table.add_column("")
+    for method in result.methods:
+        table.add_column(method, justify="right")
+    entries = {(entry.method, entry.figure.name): entry for entry in result.summary}
+    for first in result.summary[: len(result.summary) // len(result.methods)]:
+        figure = first.figure
+        label = f"{figure.label} ({figure.unit})" if figure.unit else figure.label
+        cells = [_cell(entries[method, figure.name]) for method in result.methods]
+        table.add_row(label, *cells)
+    Console(highlight=False).print(table)
+
+
+def _cell(entry: Summary) -> str:
+    if not entry.runs:
+        return "–"
+    numbers = (entry.median, entry.mean, entry.worst)
+    return " / ".join(_three_digits(entry.figure.scale * number) for number in numbers)
+
+
+def _three_digits(number: float) -> str:
+    return f"{number:.0f}" if abs(number) >= 999.5 else f"{number:.3g}"

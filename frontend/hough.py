@@ -156,7 +156,9 @@ def find_straight_edges(edges: EdgePixels, config: DetectorConfig) -> list[Strai
         row, column = divmod(peak, len(offsets))
         phi, offset, support = _refine(free, angles[row], offsets[column], config)
         if len(support) < config.min_support:
-            accumulator[peak] = -len(edges)  # a chance alignment: its pixels stay free
+            # a chance alignment: its pixels stay free, its neighbours lead to the same one
+            cells = accumulator.reshape(len(angles), len(offsets))
+            cells[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2] = -len(edges)
             continue
         offset_in_image = offset + float(along_normal(phi, centre))
         found.append(StraightEdge(phi, offset_in_image, free.row[support]))

@@ -63,6 +63,8 @@ class Progress:
 
 def print_result(result: RunResult) -> None:
     """Prints a run's warnings to standard error, its figures, verdict and report to output."""
+    from compare.verdict import alarms
+
     assert result.comparison is not None
     _warn(result)
     metrics = result.comparison.to_dict()
@@ -79,6 +81,8 @@ def print_result(result: RunResult) -> None:
     console.print(table)
     if metrics["verdict"]:
         console.print(Text(metrics["verdict"][0]))
+        for sentence in alarms(result.comparison.methods):
+            console.print(Text(sentence))
     print(result.folder / "report.html")
 
 

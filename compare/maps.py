@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compare.align import line_differences
+from compare.align import line_differences, unobserved_direction
 from compare.arrays import freeze_arrays
 from compare.matching import NOTHING, match_lines, vote
 from compare.metrics import map_nees, rms
@@ -70,7 +70,7 @@ class MapMetrics:
         duplicates: further map lines of a true line that is matched already.
         unseen: map lines of true lines that were not to be seen.
         rho_rmse_m: RMS offset of matched lines at the middle of the seen stretch, after the map's
-            own rigid motion, m.
+            own rigid motion, m; NaN where that motion fits so few lines exactly.
         rho_origin_rmse_m: RMS difference in rho itself, after that motion, m (SantanaSLAM's).
         alpha_rmse_deg: RMS difference in angle after that motion, degrees.
         unaligned_rho_rmse_m: as `rho_rmse_m` with the true path moved to begin at the start pose.
@@ -132,6 +132,11 @@ def map_metrics(
     )
     nees, freedom = _nees(estimate, rows[matched], truth.lines[target[matched]], motion)
     found = np.isin(np.arange(len(seen)), target[matched])
+    true = truth.lines[target[matched]]
+    shifts = 1 if len(true) and unobserved_direction(true) is not None else 2
+    # so many lines the map's own motion always fits exactly: nothing is left to judge
+    judged_offset = np.full(len(true), len(true) > shifts)
+    judged_angle = np.full(len(true), len(true) > 1)
     return MapMetrics(
         true_lines_seen=None if truth.seen is None else int(seen.sum()),
         matched=int(matched.sum()),
@@ -139,9 +144,9 @@ def map_metrics(
         spurious=int(np.sum(status == "spurious")),
         duplicates=int(np.sum(status == "duplicate")),
         unseen=int(np.sum(status == "unseen")),
-        rho_rmse_m=rms(table.offset[matched]),
-        rho_origin_rmse_m=rms(table.d_line[matched, 0]),
-        alpha_rmse_deg=math.degrees(rms(table.d_line[matched, 1])),
+        rho_rmse_m=rms(table.offset[matched][judged_offset]),
+        rho_origin_rmse_m=rms(table.d_line[matched, 0][judged_offset]),
+        alpha_rmse_deg=math.degrees(rms(table.d_line[matched, 1][judged_angle])),
         unaligned_rho_rmse_m=rms(e[:, 0]),
         unaligned_alpha_rmse_deg=math.degrees(rms(e[:, 1])),
         nees=nees,

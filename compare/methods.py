@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from compare.config import RunConfig
-from graphslam.errors import BadConfig
+from graphslam.errors import BadConfig, GraphSlamError, UnderConstrained
 from graphslam.estimate import Estimate
 from graphslam.measurements import Measurements
 
@@ -62,10 +62,13 @@ METHODS: Mapping[str, Method] = MappingProxyType(
 )
 
 
-def run_methods(measurements: Measurements, config: RunConfig, stage: Stage) -> dict[str, Estimate]:
-    """Returns the estimates of ``config.methods``, by name and in that order.
+def run_methods(
+    measurements: Measurements, config: RunConfig, stage: Stage
+) -> tuple[dict[str, Estimate], dict[str, GraphSlamError]]:
+    """Returns the estimates of ``config.methods``, in that order, and why others failed, by name.
 
-    A method that starts from another's estimate has that one run first, once, asked for or not.
+    A method that starts from another's estimate has that one run first, once, asked for or not. A
+    method that the measurements do not suffice for does not stop the others.
 
     Args:
         measurements: what all methods estimate from.
@@ -79,12 +82,21 @@ def run_methods(measurements: Measurements, config: RunConfig, stage: Stage) -> 
     if unknown:
         raise BadConfig(f"unknown method {unknown[0]!r}; known: {', '.join(METHODS)}")
     done: dict[str, Estimate] = {}
+    failed: dict[str, GraphSlamError] = {}
 
-    def ensure(name: str) -> Estimate:
+    def attempt(name: str) -> None:
+        if name in done or name in failed:
+            return
         for other in METHODS[name].after:
-            ensure(other)
-        if name not in done:
+            attempt(other)
+            if other in failed:
+                failed[name] = failed[other]
+                return
+        try:
             done[name] = stage(name, lambda: METHODS[name].run(measurements, config, done))
-        return done[name]
+        except UnderConstrained as error:
+            failed[name] = error
 
-    return {name: ensure(name) for name in config.methods}
+    for name in config.methods:
+        attempt(name)
+    return {name: done[name] for name in config.methods if name in done}, failed

@@ -233,7 +233,7 @@ class _Trial:
 
     def noise(self, factors: Array) -> NoiseConfig:
         """Returns what was assumed, times ``factors`` (4,) in the order of `GROUPS`."""
-        from frontend.extract import assumed_drive
+        from frontend.nodes import assumed_drive
 
         assumed = self.config.extract.noise
         drive = assumed_drive(self.log, assumed)

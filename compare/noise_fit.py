@@ -73,7 +73,7 @@ def noise_parts(log: Log, measurements: Measurements, noise: NoiseConfig) -> Noi
         measurements: what was extracted from it with ``noise``.
         noise: what was assumed in place of the log's own.
     """
-    from frontend.extract import odometry_at
+    from frontend.nodes import odometry_at
 
     still = {"noise_left": 0.0, "noise_right": 0.0}
     none = (0.0, 0.0, 0.0)

@@ -43,7 +43,9 @@ class RunResult:
         measurements: what was extracted from it.
         estimates: by method; empty after `extract_log`.
         comparison: the estimates judged; None after `extract_log`.
-        warnings: what is doubtful about the log, and what could not be used of it.
+        warnings: what is doubtful about the log, what could not be used of it, and which methods
+            failed and why.
+        failed: methods that were asked for and failed.
     """
 
     folder: Path
@@ -52,6 +54,7 @@ class RunResult:
     estimates: dict[str, Estimate]
     comparison: Comparison | None
     warnings: tuple[str, ...]
+    failed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,10 +159,13 @@ def _run(log: Log, out: Path, config: RunConfig | None, progress: Progress | Non
     check_replaceable(out)
     clock = _Clock(progress, log)
     measurements = clock("extract", lambda: extract(log, config.extract, clock.inside("extract")))
-    estimates = run_methods(measurements, config, clock)
+    estimates, failed = run_methods(measurements, config, clock)
+    if failed and not estimates:
+        raise next(iter(failed.values()))
     comparison = clock("compare", lambda: compare(log, measurements, list(estimates.values())))
     frames = clock("thumbnails", lambda: take_frames(log, measurements, estimates))
     info = _info(log, measurements, config, estimates)
+    info["warnings"] += [f"{name} failed: {error}" for name, error in failed.items()]
     record = Record(
         info,
         measurements,
@@ -174,7 +180,7 @@ def _run(log: Log, out: Path, config: RunConfig | None, progress: Progress | Non
         clock("report", lambda: write_report(record, folder))
         write_json(folder / "timings.json", clock.seconds)
     warnings = tuple(info["warnings"])
-    return RunResult(out, log, measurements, estimates, comparison, warnings)
+    return RunResult(out, log, measurements, estimates, comparison, warnings, tuple(failed))
 
 
 def _attempt(

@@ -183,7 +183,9 @@ def judge_seed(scenario: Scenario, config: RunConfig, seed: int) -> dict[str, Va
     """Returns the figures of all methods for one seed, named ``method.figure``."""
     log = simulate_log(scenario, seed)
     measurements = extract(log, config.extract)
-    estimates = run_methods(measurements, config, lambda name, call: call())
+    estimates, failed = run_methods(measurements, config, lambda name, call: call())
+    for error in failed.values():
+        raise error
     comparison = compare(log, measurements, list(estimates.values()))
     values: dict[str, Value] = {}
     for metrics in comparison.methods:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.truth import true_lines
+from frontend.truth import CLOCK_S, true_lines
 from graphslam.arrays import frozen
 from graphslam.baseline import integrate
 from graphslam.geometry import (
@@ -37,8 +37,6 @@ VISIBLE_M = 0.25
 """A frame shows a true line when at least this much of it is in view, m."""
 SEEN_FRAMES = 5
 """A true line is seen when at least this many frames show it, or sightings lie near it."""
-CLOCK_S = 1e-6
-"""Times that differ by less are equal: files print them with few decimals."""
 
 
 @dataclass(frozen=True, slots=True)

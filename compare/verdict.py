@@ -250,6 +250,19 @@ def _confidence(what: str, nees: float, freedom: int) -> Iterator[str]:
         yield f"{what}: consistent with its covariance ({bounds})."
 
 
+def alarms(methods: Sequence[MethodMetrics]) -> Iterator[str]:
+    """Yields what makes a method's figures worthless or doubtful: it was lost, or unfinished."""
+    for m in methods:
+        for reason, times in m.counts.items():
+            if reason.startswith("lost"):
+                yield f"{m.method} was lost {times} times{reason.removeprefix('lost')}."
+        if not m.converged:
+            yield (
+                f"{m.method} did not converge in {m.iterations} iterations: its figures are those "
+                "of an unfinished optimisation."
+            )
+
+
 def _cautions(methods: Sequence[MethodMetrics]) -> Iterator[str]:
     for m in methods:
         if m.sightings_used:
@@ -260,14 +273,7 @@ def _cautions(methods: Sequence[MethodMetrics]) -> Iterator[str]:
                 f"No line of {m.method} lies near a seen true line. Without a true path the map is "
                 "compared as it stands: [start] must be in the frame of the true map."
             )
-        for reason, times in m.counts.items():
-            if reason.startswith("lost"):
-                yield f"{m.method} was lost {times} times{reason.removeprefix('lost')}."
-        if not m.converged:
-            yield (
-                f"{m.method} did not converge in {m.iterations} iterations: its figures are those "
-                "of an unfinished optimisation."
-            )
+    yield from alarms(methods)
 
 
 def _and(words: Sequence[str]) -> str:

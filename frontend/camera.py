@@ -109,7 +109,7 @@ class Camera:
     def floor_to_pixel(self, points: Array) -> Array:
         """Returns undistorted pixels (..., 2) of floor points (..., 2), m, robot frame.
 
-        NaN for points behind the camera. Source: SantanaLoc eq. (31).
+        NaN for points behind the camera. Source: SantanaSLAM eq. (28), SantanaLoc eq. (31).
         """
         return _project(self.homography, points)
 

@@ -121,7 +121,7 @@ class ExtractConfig:
     to_s: float | None = None
     """Leave out what was recorded after this time, s; absent: to the end."""
     every: int = 1
-    """Use every n-th image (or scan), n >= 1."""
+    """Use every n-th image (without images, every n-th time of sightings.csv), n >= 1."""
 
     def __post_init__(self) -> None:
         if self.workers < 0:

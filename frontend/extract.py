@@ -9,16 +9,18 @@ from dataclasses import replace
 import numpy as np
 
 from frontend.config import ExtractConfig, NoiseConfig
-from frontend.log import UNKNOWN_WHEELS, Log
-from frontend.truth import true_lines
-from graphslam.errors import BadConfig, BadLog
-from graphslam.geometry import Array, wrap
-from graphslam.measurements import IntArray, Measurements, Odometry, Sightings
-from graphslam.models.odometry import (
-    DifferentialDrive,
-    increments_from_poses,
-    increments_from_wheels,
+from frontend.log import Log
+from frontend.nodes import (
+    Nodes,
+    choose_nodes,
+    line_times,
+    odometry_at,
+    odometry_file,
+    odometry_times,
 )
+from frontend.truth import true_lines
+from graphslam.geometry import Array, wrap
+from graphslam.measurements import IntArray, Measurements, Sightings
 
 Progress = Callable[[int, int], None]
 
@@ -38,9 +40,8 @@ def extract(
 ) -> Measurements:
     """Returns what estimators eat.
 
-    Nodes are the distinct times of floor images and of all tables of sightings; without any, of
-    the odometry itself. Images are searched for lines in parallel; the result does not depend on
-    the number of workers.
+    Nodes are those of `frontend.nodes`. Images are searched for lines in parallel; the result does
+    not depend on the number of workers.
 
     Args:
         log: the recording.
@@ -53,12 +54,13 @@ def extract(
     """
     config = config or ExtractConfig()
     rejected: Counter[str] = Counter()
-    chosen = _chosen(_node_times(log), log, config)
-    t = _recorded(log, chosen, rejected)
-    lines = _given_lines(log, chosen, t, rejected)
+    nodes = choose_nodes(log, config)
+    t = nodes.t
+    rejected[NODE_OUTSIDE] += len(nodes.chosen) - len(t)
+    lines = _given_lines(log, nodes.of_lines, t, rejected)
     if lines is None:
-        lines = _seen_lines(log, t, config, rejected, progress)
-    tables = (_with_noise(lines, config.noise), _pose_fixes(log, chosen, t, rejected))
+        lines = _seen_lines(log, nodes, config, rejected, progress)
+    tables = (_with_noise(lines, config.noise), _pose_fixes(log, nodes.chosen, t, rejected))
     return Measurements(
         t=t,
         start_pose=log.start_pose,
@@ -79,14 +81,14 @@ def extraction_warnings(log: Log, measurements: Measurements) -> tuple[str, ...]
             f"{_first_unreadable(log, measurements)}; write them again, or remove their rows from "
             "images.csv"
         )
-    used, known, odometry = measurements.t, _odometry_times(log), odometry_file(log)
+    used, known, odometry = measurements.t, odometry_times(log), odometry_file(log)
     if NODE_OUTSIDE in rejected:
         found.append(
             f"nodes outside the wheel record that were dropped: {rejected[NODE_OUTSIDE]}; "
             f"{odometry} lasts from t = {known[0]:.12g} s to {known[-1]:.12g} s: start it before "
             "and stop it after images and sightings"
         )
-    first = _node_times(log)[0]
+    first = min(times[0] for times in line_times(log) if len(times))
     if log.start_given and used[0] > first:
         found.append(
             f"[start] counts as the pose at t = {used[0]:.12g} s, the first node used, "
@@ -118,84 +120,13 @@ def _first_unreadable(log: Log, measurements: Measurements) -> str:
     return next(f.relative_to(root).as_posix() for f in files if read_grey(f) is None)
 
 
-# ---- nodes and odometry -----------------------------------------------------------------------
-
-
-def _node_times(log: Log) -> Array:
-    """Returns the distinct times (N,) of images and sightings; without any, of the odometry."""
-    times = [table.t for table in (log.sightings, log.pose_fixes) if table is not None]
-    if log.images is not None:
-        times.append(log.images.t[log.floor_images()])
-    t = np.unique(np.concatenate([np.zeros(0), *times]))
-    return t if len(t) else _odometry_times(log)
-
-
-def odometry_file(log: Log) -> str:
-    """Returns the name of the file in a log folder that odometry is taken from."""
-    return "wheels.csv" if log.wheels is not None else "odometry.csv"
-
-
-def _odometry_times(log: Log) -> Array:
-    track = log.wheels if log.wheels is not None else log.odometry
-    assert track is not None, "a log without odometry cannot be made"
-    return track.t
-
-
-def _chosen(t: Array, log: Log, config: ExtractConfig) -> Array:
-    """Returns the part of the node times that the configuration asks for."""
-    chosen = t
-    if config.from_s is not None:
-        chosen = chosen[chosen >= config.from_s]
-    if config.to_s is not None:
-        chosen = chosen[chosen <= config.to_s]
-    chosen = chosen[:: config.every]
-    if not len(chosen):
-        raise BadConfig(
-            f"nothing of {log.name} lies between from_s = {config.from_s} and to_s = "
-            f"{config.to_s}; it lasts from t = {t[0]:.12g} s to {t[-1]:.12g} s: choose --from and "
-            "--to within"
-        )
-    return chosen
-
-
-def _recorded(log: Log, t: Array, rejected: Counter[str]) -> Array:
-    """Returns the node times that odometry readings surround."""
-    known = _odometry_times(log)
-    inside: Array = t[(t >= known[0]) & (t <= known[-1])]
-    rejected[NODE_OUTSIDE] += len(t) - len(inside)
-    if not len(inside):
-        raise BadLog(
-            f"{log.folder / odometry_file(log)}: odometry lasts from t = {known[0]:.12g} s to "
-            f"{known[-1]:.12g} s, images and sightings from t = {t[0]:.12g} s to {t[-1]:.12g} s; "
-            "give both one clock"
-        )
-    return inside
-
-
-def assumed_drive(log: Log, noise: NoiseConfig) -> DifferentialDrive:
-    """Returns the log's robot with the noise that stands in place of its own."""
-    given = {name: getattr(noise, name) for name in ("noise_left", "noise_right", "slip")}
-    changed = {name: value for name, value in given.items() if value is not None}
-    return replace(log.robot or UNKNOWN_WHEELS, **changed)
-
-
-def odometry_at(log: Log, t: Array, noise: NoiseConfig) -> Odometry:
-    """Returns the odometry between nodes at times (N,), s, increasing, within the wheel record."""
-    drive = assumed_drive(log, noise)
-    if log.wheels is not None:
-        increment, cov = increments_from_wheels(log.wheels.t, log.wheels.angle, t, drive)
-        return Odometry(increment, cov, log.wheels.t, log.wheels.angle)
-    assert log.odometry is not None, "a log without odometry cannot be made"
-    return Odometry(*increments_from_poses(log.odometry.t, log.odometry.pose, t, drive))
-
-
 # ---- sightings that the log gives -------------------------------------------------------------
 
 
 def _at_nodes(times: Array, chosen: Array, t: Array) -> tuple[IntArray, IntArray, int]:
     """Returns the rows at nodes, their nodes, and how many were chosen but lie at no node."""
     node = np.minimum(np.searchsorted(t, times), len(t) - 1)
-    at_node = t[node] == times
+    at_node = (t[node] == times) & np.isin(times, chosen)
     lost = np.isin(times, chosen) & ~at_node
     return np.flatnonzero(at_node), node[at_node], int(lost.sum())
 
@@ -262,7 +193,7 @@ def _table(
 
 
 def _seen_lines(
-    log: Log, t: Array, config: ExtractConfig, rejected: Counter[str], progress: Progress | None
+    log: Log, nodes: Nodes, config: ExtractConfig, rejected: Counter[str], progress: Progress | None
 ) -> Sightings | None:
     """Returns the lines that the images at the nodes show, ordered by node."""
     from frontend.image_lines import lines_in_images
@@ -270,13 +201,14 @@ def _seen_lines(
     numbers = log.floor_images()
     if log.images is None or not len(numbers):
         return None
-    numbers = numbers[np.isin(log.images.t[numbers], t)]
+    wanted = np.intersect1d(nodes.t, nodes.of_lines)
+    numbers = numbers[np.isin(log.images.t[numbers], wanted)]
     lines, source, unreadable = lines_in_images(log, numbers, config, progress)
     rejected.update({**lines.rejected, UNREADABLE: unreadable})
     times = log.images.t[source]
     return _table(
         "line",
-        np.searchsorted(t, times),
+        np.searchsorted(nodes.t, times),
         lines.z,
         lines.cov,
         times,

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from frontend.config import DetectorConfig
-from frontend.extract import odometry_file
 from frontend.log import Log
 from frontend.moves import Moves
+from frontend.nodes import odometry_file
 from frontend.turning import TurnCheck
 from frontend.view import View
 from graphslam.geometry import Array

@@ -6,8 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from frontend.extract import odometry_file, one_direction
+from frontend.extract import one_direction
 from frontend.findings import Evidence, Finding
+from frontend.nodes import odometry_file
 from frontend.turning import LARGEST_SHIFT_S
 from graphslam.geometry import between, interpolate_poses
 

@@ -21,6 +21,8 @@ LARGEST_OFFSET = 0.020
 LARGEST_TURN = math.radians(1.5)
 """Largest angle between a sighting and its true line, rad."""
 
+CLOCK_S = 1e-6
+"""Times that differ by less are equal: files print them with few decimals, s."""
 BLOCK = 2**14  # pairs of a sighting and a line compared at a time: they stay in the cache
 
 
@@ -40,7 +42,8 @@ def true_lines(log: Log, t: Array, z: Array, extent: Array) -> IntArray:
     rows, lines = log.map.of_kind("line")
     if not len(rows):
         return truth
-    inside = np.flatnonzero((t >= log.truth.t[0]) & (t <= log.truth.t[-1]))
+    first, last = log.truth.t[[0, -1]]
+    inside = np.flatnonzero((t >= first - CLOCK_S) & (t <= last + CLOCK_S))
     pose = interpolate_poses(t[inside], log.truth.t, log.truth.pose)
     middle = np.nan_to_num(extent[inside].mean(axis=1))
     ids = log.map.id[rows]

@@ -56,7 +56,8 @@ def check_covariances(name: str, cov: Array) -> None:
     """Raises BadMeasurements unless all ``cov`` (..., d, d) are symmetric, positive definite."""
     if not cov.size:
         return
-    if np.any(np.abs(cov - np.swapaxes(cov, -1, -2)) > 1e-9 * np.abs(cov).max()):
+    largest = np.abs(cov).max(axis=(-1, -2), keepdims=True)
+    if np.any(np.abs(cov - np.swapaxes(cov, -1, -2)) > 1e-9 * largest):
         raise BadMeasurements(f"{name} is not symmetric")
     try:
         np.linalg.cholesky(cov)

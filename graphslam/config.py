@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
+
+from graphslam.errors import BadConfig
 
 Matching = Literal["gated", "nearest", "known"]
 
@@ -27,6 +30,25 @@ class MatchingConfig:
     nearest_angle_deg: float = 10.0
     """Largest difference in angle for `nearest`, degrees."""
 
+    def __post_init__(self) -> None:
+        if self.method not in get_args(Matching):
+            known = ", ".join(get_args(Matching))
+            raise BadConfig(f"ekf.matching.method = {self.method!r}: must be one of {known}")
+        if not 0 < self.gate <= self.gate_new < math.inf:
+            raise BadConfig(
+                f"ekf.matching.gate = {self.gate}, gate_new = {self.gate_new}: must be positive "
+                "and finite, gate_new not below gate"
+            )
+        if not 0 < self.nearest_distance_m < math.inf:
+            raise BadConfig(
+                f"ekf.matching.nearest_distance_m = {self.nearest_distance_m}: must be positive"
+            )
+        if not 0 < self.nearest_angle_deg <= 90:
+            raise BadConfig(
+                f"ekf.matching.nearest_angle_deg = {self.nearest_angle_deg}: must be above 0, at "
+                "most 90"
+            )
+
 
 @dataclass(frozen=True, slots=True)
 class EkfConfig:
@@ -37,6 +59,10 @@ class EkfConfig:
     """Nodes in a row whose sightings were all rejected after which the filter says 'lost' and
     doubles the standard deviations of its pose; 0 switches this off."""
 
+    def __post_init__(self) -> None:
+        if self.lost_after < 0:
+            raise BadConfig(f"ekf.lost_after = {self.lost_after}: must be 0 or more")
+
 
 @dataclass(frozen=True, slots=True)
 class SmootherConfig:
@@ -46,3 +72,9 @@ class SmootherConfig:
     """Largest number of linear solves."""
     tolerance: float = 1e-10
     """Converged when the predicted relative decrease of the cost falls below this."""
+
+    def __post_init__(self) -> None:
+        if self.max_iterations < 1:
+            raise BadConfig(f"smoother.max_iterations = {self.max_iterations}: must be 1 or more")
+        if not 0 < self.tolerance < 1:
+            raise BadConfig(f"smoother.tolerance = {self.tolerance}: must be between 0 and 1")

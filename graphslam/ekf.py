@@ -88,11 +88,13 @@ class _Filter:
         nodes = len(measurements.t)
         pose, cov = np.empty((nodes, 3)), np.empty((nodes, 3, 3))
         starts = {kind: t.starts(nodes) for kind, t in measurements.sightings.items()}
+        # what needs no landmark first: a landmark shall start from the best pose of its node
+        tables = sorted(measurements.tables(), key=lambda e: MODELS[e[1].kind].dim_landmark > 0)
         for node in range(nodes):
             if node > 0:
                 self.predict(node - 1)
             seen = used = 0
-            for first, table in measurements.tables():
+            for first, table in tables:
                 rows = np.arange(*starts[table.kind][node : node + 2])
                 if len(rows):
                     self.take_sightings(node, table, rows, first)
@@ -251,7 +253,8 @@ class _Filter:
         """Doubles the pose's standard deviations after too many nodes with nothing accepted."""
         if seen:
             self.rejected_in_a_row = 0 if used else self.rejected_in_a_row + 1
-        patience = self.config.lost_after if self.at is None else 0
+        recognises = self.at is None and self.config.matching.method != "known"
+        patience = self.config.lost_after if recognises else 0
         if patience and self.rejected_in_a_row >= patience:
             self.counts["lost: every sighting rejected for several nodes"] += 1
             self.rejected_in_a_row = 0

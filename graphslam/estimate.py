@@ -25,7 +25,8 @@ class Unobserved:
 
     Attributes:
         quantity: "position" or "heading".
-        direction: (2,) unit vector in the floor frame; (0, 0) for the heading.
+        direction: (2,) unit vector in the floor frame; (0, 0) for the heading, and for the position
+            where no direction of it is observed.
         sigma: posterior standard deviation of the last pose along it, m or rad.
         sigma_odometry: the same of odometry alone, m or rad.
     """
@@ -41,9 +42,12 @@ class Unobserved:
                 f"the heading is not observed: sigma {np.degrees(self.sigma):.2f}°, "
                 f"odometry alone {np.degrees(self.sigma_odometry):.2f}°"
             )
-        angle = np.degrees(np.arctan2(self.direction[1], self.direction[0])) % 180.0
+        where = "the position"
+        if self.direction != (0.0, 0.0):
+            angle = np.degrees(np.arctan2(self.direction[1], self.direction[0])) % 180.0
+            where = f"the position along {angle:.0f}° (floor frame)"
         return (
-            f"the position along {angle:.0f}° (floor frame) is not observed: "
+            f"{where} is not observed: "
             f"sigma {1e3 * self.sigma:.0f} mm, odometry alone {1e3 * self.sigma_odometry:.0f} mm"
         )
 

@@ -24,8 +24,8 @@ TAU = 2.0 * math.pi
 @vectorize(["float64(float64)"], cache=True)
 def wrap(angle):  # type: ignore[no-untyped-def]
     """Returns ``angle`` in (-pi, pi], elementwise; usable from compiled code too."""
-    wrapped = angle - TAU * math.ceil((angle - math.pi) / TAU)
-    if not -math.pi < wrapped <= math.pi:  # rounding next to an odd multiple of pi
+    wrapped = angle - TAU * np.ceil((angle - math.pi) / TAU)
+    if wrapped <= -math.pi or wrapped > math.pi:  # rounding next to an odd multiple of pi
         wrapped = math.pi
     return wrapped
 
@@ -131,12 +131,18 @@ def _line_to_robot(line_floor, pose, out):  # type: ignore[no-untyped-def]
 
 
 def line_to_robot(line_floor: Array, pose: Array) -> Array:
-    """Returns floor lines (..., 2) in the frame of ``pose``; alpha wrapped, rho signed."""
+    """Returns floor lines (..., 2) in the frame of ``pose``; alpha wrapped, rho signed.
+
+    Source: SantanaSLAM eqs. (22)-(24), which give (25).
+    """
     return np.asarray(_line_to_robot(line_floor, pose))
 
 
 def line_to_floor(line_robot: Array, pose: Array) -> Array:
-    """Returns robot-frame lines (..., 2) in the floor frame; the inverse of `line_to_robot`."""
+    """Returns robot-frame lines (..., 2) in the floor frame; the inverse of `line_to_robot`.
+
+    Source: SantanaSLAM eqs. (22)-(24).
+    """
     line_robot, pose = np.asarray(line_robot), np.asarray(pose)
     alpha = wrap(line_robot[..., 1] + pose[..., 2])
     rho = line_robot[..., 0] + pose[..., 0] * np.cos(alpha) + pose[..., 1] * np.sin(alpha)

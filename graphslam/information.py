@@ -17,6 +17,9 @@ UNOBSERVED_RATIO = 0.9
 ONE_DIRECTION = math.sin(math.radians(5.0)) ** 2
 """Ratio of the position information's eigenvalues below which all sightings point one way."""
 
+KNOWN_SIGMA = 1e-5
+"""Below this odometry itself knows the quantity (a pose just after a known start), m or rad."""
+
 
 def position_information(
     measurements: Measurements, pose: Array, landmarks: LandmarkMap, match: IntArray
@@ -55,14 +58,18 @@ def unobserved_directions(
     """
     found = []
     ratios, vectors = scipy.linalg.eigh(cov_last[:2, :2], cov_odometry[:2, :2])
-    for ratio, vector in zip(ratios, vectors.T, strict=True):
-        if ratio > UNOBSERVED_RATIO**2:
-            found.append(_position(vector / np.linalg.norm(vector), cov_last, cov_odometry))
+    if ratios[0] > UNOBSERVED_RATIO**2:
+        worst = [math.sqrt(np.linalg.eigvalsh(c[:2, :2])[1]) for c in (cov_last, cov_odometry)]
+        found.append(Unobserved("position", (0.0, 0.0), worst[0], worst[1]))
+    elif ratios[1] > UNOBSERVED_RATIO**2:
+        axis = vectors[:, 1] / np.linalg.norm(vectors[:, 1])
+        found.append(_position(axis, cov_last, cov_odometry))
     strength, axes = np.linalg.eigh(information)
     if not found and strength[1] > 0 and strength[0] < ONE_DIRECTION * strength[1]:
         found.append(_position(axes[:, 0], cov_last, cov_odometry))
+    found = [entry for entry in found if entry.sigma_odometry > KNOWN_SIGMA]
     sigma, sigma_odometry = math.sqrt(cov_last[2, 2]), math.sqrt(cov_odometry[2, 2])
-    if sigma > UNOBSERVED_RATIO * sigma_odometry:
+    if sigma > UNOBSERVED_RATIO * sigma_odometry and sigma_odometry > KNOWN_SIGMA:
         found.append(Unobserved("heading", (0.0, 0.0), sigma, sigma_odometry))
     return tuple(found)
 

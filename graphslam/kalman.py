@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from graphslam.errors import UnderConstrained
 from graphslam.geometry import Array, wrap
 from graphslam.measurements import IntArray
 
@@ -99,7 +100,14 @@ class JointState:
         own = HPHt[each, :, each, :]
         S = HPHt.reshape(count * d, count * d)
         # S is tiny: its root's inverse costs less than a triangular solve that wakes BLAS threads
-        whiten = np.linalg.inv(np.linalg.cholesky(0.5 * (S + S.T)))
+        try:
+            whiten = np.linalg.inv(np.linalg.cholesky(0.5 * (S + S.T)))
+        except np.linalg.LinAlgError:
+            raise UnderConstrained(
+                "the filter's covariance has lost its definiteness: start and noise differ by more "
+                "orders of magnitude than numbers hold; give a less uncertain start, or larger "
+                "sigmas to the sightings"
+            ) from None
         W, y = whiten @ PHt.reshape(self.size, -1).T, whiten @ innovation.ravel()
         self.log_likelihood += float(np.log(np.diag(whiten) / ROOT_TWO_PI).sum() - 0.5 * y @ y)
         self.mean[:] += W.T @ y

@@ -53,13 +53,13 @@ class Run:
                 outcomes = run_logs(self.logs, self.out, self.settings, progress)
         if len(self.logs) == 1:
             print_result(result)
-            return DONE
+            return FAILED if result.failed else DONE
         for outcome in outcomes:
             if outcome.result is not None:
                 print_result(outcome.result)
             else:
                 complain(outcome.error, outcome.path)
-        failed = sum(outcome.result is None for outcome in outcomes)
+        failed = sum(o.result is None or bool(o.result.failed) for o in outcomes)
         return DONE if not failed else FAILED if failed == len(outcomes) else SOME_FAILED
 
 

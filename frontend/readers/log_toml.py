@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from graphslam.models.odometry import DifferentialDrive
 FORMAT = "graphslam-log/1"
 
 GEOMETRY = ("wheel_radius_left", "wheel_radius_right", "wheel_base")
+LARGEST_START_M = 1e3  # sigma of the start: beyond it double precision loses the lines
 LARGEST = 1e9  # of a robot's numbers: with it and the tables' limit nothing overflows
 
 Matrix3 = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
@@ -88,6 +90,11 @@ class StartTable:
     def __post_init__(self) -> None:
         if max(map(abs, (*self.pose, *self.sigma))) > LARGEST:
             raise BadConfig(f"pose or sigma is beyond {LARGEST:g}; write metres and radians")
+        if max(self.sigma[:2]) > LARGEST_START_M or self.sigma[2] > math.pi:
+            raise BadConfig(
+                f"sigma = {list(self.sigma)}: at most {LARGEST_START_M:g} m and pi; write what is "
+                "known of the start, or leave [start] out"
+            )
         if min(self.sigma) < 0:
             raise BadConfig(f"sigma = {list(self.sigma)}: standard deviations are not negative")
 

@@ -15,7 +15,7 @@ from graphslam.landmarks import finish_map, padded, used_sightings
 from graphslam.measurements import IntArray, Measurements
 from graphslam.smoother.factors import landmark_key, pose_key
 from graphslam.smoother.graph import build_graph
-from graphslam.smoother.optimise import Solution, optimise, solve
+from graphslam.smoother.optimise import Solution, optimise, solve, translated_errors
 
 
 def smooth(
@@ -96,14 +96,16 @@ def _covariances(solution: Solution, theta: Array, landmarks: int) -> tuple[Arra
 
     GTSAM's marginals are in each pose's own frame; they are turned here and nowhere else.
     """
-    marginals = gtsam.Marginals(solution.linear, solution.values)
-    nodes = len(theta)
-    cov = np.array([marginals.marginalCovariance(pose_key(node)) for node in range(nodes)])
-    cov = rotate_covariance(cov, theta)
-    ordering = gtsam.Ordering()
+    linear, nodes = solution.linear, len(theta)
+    last_and_map = gtsam.Ordering()
     for key in [pose_key(nodes - 1), *(landmark_key(n) for n in range(landmarks))]:
-        ordering.push_back(key)
-    root, _ = solution.linear.marginalMultifrontalBayesNet(ordering).matrix()
+        last_and_map.push_back(key)
+    with translated_errors():
+        best = gtsam.Ordering.ColamdGaussianFactorGraph(linear)
+        tree = linear.eliminateMultifrontal(best, gtsam.EliminateQR)
+        cov = np.array([tree.marginalCovariance(pose_key(node)) for node in range(nodes)])
+        root, _ = linear.marginalMultifrontalBayesNet(last_and_map, gtsam.EliminateQR).matrix()
+    cov = rotate_covariance(cov, theta)
     inverse = np.linalg.inv(root)
     joint = inverse @ inverse.T
     turn = np.eye(len(joint))

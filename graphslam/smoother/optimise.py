@@ -6,6 +6,8 @@ quadratic in the length of a log; ``graph.linearize(values)`` with values that P
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import gtsam
@@ -17,6 +19,8 @@ from graphslam.errors import UnderConstrained
 FIRST_DAMPING = 1e-4
 LARGEST_DAMPING = 1e10
 DAMPING_FACTOR = 10.0
+
+NOT_DETERMINED = "the measurements do not determine every pose and landmark: "
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +48,8 @@ def optimise(
     """Returns the minimum of a factor graph near ``values``.
 
     Steps are plain Gauss-Newton while they lower the cost; a step that does not is tried again with
-    ever larger damping. Converged when the decrease that the linear model still predicts is below
-    ``config.tolerance`` of the cost (or of 1, for a cost near zero).
+    ever larger damping. Converged when the decrease that the undamped linear model still predicts
+    is below ``config.tolerance`` of the cost (or of 1, for a cost near zero).
 
     Raises:
         UnderConstrained: the linear system is singular.
@@ -57,7 +61,10 @@ def optimise(
         delta = solve(linear, values, damping)
         predicted = linear.error(values.zeroVectors()) - linear.error(delta)
         if predicted <= config.tolerance * max(cost, 1.0):
-            return Solution(values, linear, cost, iteration, True)
+            if damping == 0.0:
+                return Solution(values, linear, cost, iteration, True)
+            damping = 0.0  # the damping alone made the step small: look without it
+            continue
         moved = values.retract(delta)
         new_cost = float(graph.error(moved))
         if np.isfinite(new_cost) and new_cost <= cost:
@@ -89,10 +96,19 @@ def solve(
             weight, unit = np.sqrt(damping) * np.eye(dim), gtsam.noiseModel.Unit.Create(dim)
             damped.push_back(gtsam.JacobianFactor(key, weight, nothing, unit))
         linear = damped
+    with translated_errors():
+        return linear.optimize(gtsam.EliminateQR)
+
+
+@contextmanager
+def translated_errors() -> Iterator[None]:
+    """Turns GTSAM's report of a singular system into ours, with the variable that it names.
+
+    Elimination is by QR throughout: GTSAM's Cholesky refuses well-determined systems whose only
+    anchor is a weak prior.
+    """
     try:
-        return linear.optimize()
+        yield
     except RuntimeError as error:
-        raise UnderConstrained(
-            "the measurements do not determine every pose and landmark: "
-            + str(error).strip().splitlines()[0]
-        ) from error
+        told = " ".join(str(error).strip().splitlines()[:2])
+        raise UnderConstrained(NOT_DETERMINED + told) from error

@@ -16,7 +16,7 @@ from compare.cli import main, parse
 from compare.config import RunConfig, field_docs, load_config, to_toml
 from compare.methods import METHODS, run_methods
 from graphslam.config import EkfConfig, MatchingConfig
-from graphslam.errors import BadConfig
+from graphslam.errors import BadConfig, UnderConstrained
 from tests.compare.tiny_log import write_tiny_log
 from tests.worlds import drive
 
@@ -327,3 +327,31 @@ def every_field(config: Any) -> list[tuple[str, str]]:
         value = getattr(config, f.name)
         found += every_field(value) if is_dataclass(value) else [(f.name, docs.get(f.name, ""))]
     return found
+
+
+def test_an_unfinished_optimisation_is_said_beside_the_figures(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["run", str(log), "--out", str(tmp_path / "out")]
+    assert main([*arguments, "--smoother.max-iterations", "1"]) == 0
+    assert "smoother did not converge in 1 iterations" in " ".join(capsys.readouterr().out.split())
+
+
+def test_a_method_that_fails_leaves_the_others_their_results(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def undetermined(*_: object) -> None:
+        raise UnderConstrained("nothing fixes line 3; look at it")
+
+    failing = {**METHODS, "smoother": replace(METHODS["smoother"], run=undetermined)}
+    monkeypatch.setattr("compare.methods.METHODS", failing)
+    out = tmp_path / "out"
+    assert main(["run", str(log), "--out", str(out)]) == 1
+    told = capsys.readouterr().err
+    assert "warning: tiny: smoother failed: nothing fixes line 3; look at it" in told
+    assert (out / "ekf" / "map.csv").is_file()
+    assert not (out / "smoother").exists()
+    assert "smoother failed" in (out / "report.html").read_text()
+    only = ["run", str(log), "--out", str(tmp_path / "only"), "--methods", "smoother"]
+    assert main(only) == 1
+    assert error_line(capsys) == "graphslam: error: nothing fixes line 3; look at it\n"

@@ -510,3 +510,16 @@ def test_sightings_that_an_estimate_rejected_are_not_in_its_matching_table() -> 
 def test_without_known_identities_there_is_no_matching_table() -> None:
     estimate = estimated(GRID, LABELS, UNLABELLED)
     assert matching_table(estimate, UNLABELLED, truth_of(None, UNLABELLED)) is None
+
+
+def test_lines_that_the_maps_own_motion_always_fits_are_not_called_exact() -> None:
+    def only(*rows: int) -> MapMetrics:
+        number = {row: n for n, row in enumerate(rows)}
+        return judged(estimated(GRID[list(rows)], np.array([number.get(k, -1) for k in LABELS])))
+
+    one, crossing, parallel = only(0), only(0, 4), only(0, 1)
+    assert np.isnan(one.rho_rmse_m)
+    assert np.isnan(one.alpha_rmse_deg)
+    assert np.isnan(crossing.rho_rmse_m)
+    assert crossing.alpha_rmse_deg < 1e-9
+    assert parallel.rho_rmse_m < 1e-9

@@ -383,3 +383,14 @@ def test_lines_in_recorded_images_are_the_true_ones(shared_data: Path):
     assert extraction_warnings(log, measurements) == ()
     again = true_lines(log, lines.t_received, twin(lines.z), -lines.extent[:, ::-1])
     np.testing.assert_array_equal(again, lines.truth)
+
+
+def test_every_thins_lines_and_keeps_all_tags(tmp_path: Path):
+    lines = "t,rho,alpha\n" + "".join(f"{t},1,0\n" for t in (0, 0.5, 1, 1.5, 2, 2.5))
+    tags = "t,x,y,theta\n" + "".join(f"{t},0,0,0\n" for t in (0.25, 0.5, 1.25))
+    folder = write_log(tmp_path, sightings_csv=lines, tags_csv=tags)
+    measurements = extracted(folder, ExtractConfig(every=2))
+    line, fix = measurements.sightings["line"], measurements.sightings["pose_fix"]
+    assert measurements.t[line.node].tolist() == [0, 1, 2]
+    assert measurements.t[fix.node].tolist() == [0.25, 0.5, 1.25]
+    assert dict(measurements.rejected) == {}

@@ -326,6 +326,10 @@ def test_other_files_are_ignored(tmp_path: Path):
         (LOG_TOML + "[start]\npose = [1, 2]\n", "start.pose has 2 entries, not 3"),
         (LOG_TOML + "[start]\npose = [1, 2, inf]\n", "start.pose[2] = inf must be finite"),
         (
+            LOG_TOML + "[start]\npose = [1, 2, 3]\nsigma = [0, 5000, 0]\n",
+            "[start] sigma = [0.0, 5000.0, 0.0]: at most 1000 m and pi",
+        ),
+        (
             LOG_TOML + "[start]\npose = [1, 2, 3]\nsigma = [0, -1, 0]\n",
             "[start] sigma = [0.0, -1.0, 0.0]: standard deviations are not negative",
         ),

@@ -7,9 +7,9 @@ import pytest
 from scipy.stats import chi2
 
 from graphslam.baseline import dead_reckoning
-from graphslam.config import EkfConfig, MatchingConfig
+from graphslam.config import EkfConfig, MatchingConfig, SmootherConfig
 from graphslam.ekf import run_ekf
-from graphslam.errors import BadMeasurements
+from graphslam.errors import BadConfig, BadMeasurements, UnderConstrained
 from graphslam.geometry import is_canonical, twin, wrap
 from graphslam.measurements import Measurements, Sightings
 from graphslam.models.line import LINE
@@ -167,3 +167,50 @@ def test_sightings_that_are_left_out_are_counted_by_reason() -> None:
     assert np.all(known.used == (truth >= 0))
     narrow = run_ekf(measurements, EkfConfig(MatchingConfig(gate=0.5)))
     assert narrow.counts["sighting between the gates"] == np.sum(~narrow.used)
+
+
+def test_known_matching_is_never_lost_among_sightings_without_a_true_landmark() -> None:
+    measurements, _ = drive(2, 80)
+    table = measurements.sightings["line"]
+    clutter = (table.node >= 20) & (table.node < 50)
+    truth = np.where(clutter, -1, table.truth)
+    config = EkfConfig(MatchingConfig(method="known"))
+    with_rows = replace(measurements, sightings={"line": replace(table, truth=truth)})
+    without = replace(measurements, sightings={"line": table.select(~clutter)})
+    a, b = run_ekf(with_rows, config), run_ekf(without, config)
+    np.testing.assert_array_equal(a.pose, b.pose)
+    np.testing.assert_array_equal(a.cov_floor, b.cov_floor)
+
+
+def test_a_pose_fix_corrects_the_pose_before_lines_of_its_node_start_landmarks() -> None:
+    for seed in range(4):
+        measurements, truth = drive(seed, 40, lines=GRID[[0, 4]], start_sigma=0.3, reach=4.0)
+        fixes = pose_fixes(measurements, truth, 1, 0.01)
+        both = replace(measurements, sightings={**measurements.sightings, "pose_fix": fixes})
+        assert len(run_ekf(both).map) == 2
+
+
+def test_a_start_beyond_what_numbers_hold_is_an_error_in_words() -> None:
+    measurements, _ = drive(0, 30)
+    hopeless = replace(measurements, start_cov=1e30 * np.eye(3))
+    with pytest.raises(UnderConstrained, match="less uncertain start"):
+        run_ekf(hopeless)
+
+
+@pytest.mark.parametrize(
+    ("config", "values"),
+    [
+        (MatchingConfig, {"method": "knwon"}),
+        (MatchingConfig, {"gate": -1.0}),
+        (MatchingConfig, {"gate": float("nan")}),
+        (MatchingConfig, {"gate": 100.0, "gate_new": 1.0}),
+        (MatchingConfig, {"nearest_angle_deg": 0.0}),
+        (MatchingConfig, {"nearest_distance_m": -0.1}),
+        (EkfConfig, {"lost_after": -1}),
+        (SmootherConfig, {"max_iterations": 0}),
+        (SmootherConfig, {"tolerance": 0.0}),
+    ],
+)
+def test_settings_that_mean_nothing_are_refused_by_name(config: type, values: dict) -> None:
+    with pytest.raises(BadConfig, match=next(reversed(values))):
+        config(**values)

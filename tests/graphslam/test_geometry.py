@@ -122,3 +122,9 @@ def test_distance_from_a_line_is_signed_along_its_normal(
     moved = np.array([ln[0] + off, ln[1]])
     point = g.points_on_line(moved, np.array(s))
     assert g.distance_from_line(ln, point) == pytest.approx(off, abs=1e-9)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_what_is_no_angle_does_not_become_one(value: float) -> None:
+    with np.errstate(invalid="ignore"):
+        assert np.isnan(g.wrap(value))

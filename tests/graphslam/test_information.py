@@ -41,3 +41,15 @@ def test_position_information_is_that_of_the_lines_normals() -> None:
     normals = GRID[measurements.sightings["line"].truth, 1]
     vectors = np.column_stack([np.cos(normals), np.sin(normals)])
     np.testing.assert_allclose(information, vectors.T @ vectors / 0.01**2, rtol=1e-6, atol=1e-4)
+
+
+def test_where_no_direction_is_observed_the_position_is_named_once() -> None:
+    measurements, _ = drive(0, 60)
+    found = run_ekf(measurements.without_sightings()).unobserved
+    assert [u.quantity for u in found] == ["position", "heading"]
+    assert str(found[0]).startswith("the position is not observed")
+
+
+def test_a_pose_that_the_start_itself_fixes_is_not_called_unobserved() -> None:
+    measurements, _ = drive(0, 1, reach=0.0)
+    assert run_ekf(measurements).unobserved == ()

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from graphslam.arrays import load_arrays
+from graphslam.arrays import check_covariances, load_arrays
 from graphslam.ekf import run_ekf
 from graphslam.errors import BadMeasurements
 from graphslam.estimate import Estimate
@@ -121,3 +121,9 @@ def test_contradicting_measurements_are_refused(measurements: Measurements) -> N
         replace(measurements, sightings={"pose_fix": measurements.sightings["line"]})
     with pytest.raises(BadMeasurements, match="start_cov"):
         replace(measurements, start_cov=np.zeros((3, 3)))
+
+
+def test_one_large_covariance_does_not_hide_an_asymmetric_one() -> None:
+    cov = np.array([1e8 * np.eye(2), [[1.0, 0.05], [0.0, 1.0]]])
+    with pytest.raises(BadMeasurements, match="not symmetric"):
+        check_covariances("cov", cov)

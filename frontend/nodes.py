@@ -1,0 +1,116 @@
+"""The moments whose poses are estimated, and the odometry between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from frontend.config import ExtractConfig, NoiseConfig
+from frontend.log import UNKNOWN_WHEELS, Log
+from graphslam.errors import BadConfig, BadLog
+from graphslam.geometry import Array
+from graphslam.measurements import Odometry
+from graphslam.models.odometry import (
+    DifferentialDrive,
+    increments_from_poses,
+    increments_from_wheels,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Nodes:
+    """Which moments of a log are used.
+
+    Attributes:
+        t: (N,) times of the nodes, s, increasing, within the odometry.
+        chosen: (C,) the same with those that the odometry does not reach.
+        of_lines: (L,) which of ``chosen`` are times of images or of sightings.csv, after ``every``.
+    """
+
+    t: Array
+    chosen: Array
+    of_lines: Array
+
+
+def choose_nodes(log: Log, config: ExtractConfig) -> Nodes:
+    """Returns the nodes of a log, or of the part that is asked for.
+
+    They are the distinct times of floor images and of sightings.csv, every n-th of them, and those
+    of all other tables of sightings; without any of these, the times of the odometry, every n-th.
+
+    Raises:
+        BadConfig: the part that is asked for is empty.
+        BadLog: no node lies within the time of the odometry.
+    """
+    main, others = (_within(times, config) for times in line_times(log))
+    of_lines = main[:: config.every]
+    chosen = np.union1d(of_lines, others)
+    if not len(chosen):
+        t = np.union1d(*line_times(log))
+        raise BadConfig(
+            f"nothing of {log.name} lies between from_s = {config.from_s} and to_s = "
+            f"{config.to_s}; it lasts from t = {t[0]:.12g} s to {t[-1]:.12g} s: choose --from and "
+            "--to within"
+        )
+    known = odometry_times(log)
+    inside = chosen[(chosen >= known[0]) & (chosen <= known[-1])]
+    if not len(inside):
+        raise BadLog(
+            f"{log.folder / odometry_file(log)}: odometry lasts from t = {known[0]:.12g} s to "
+            f"{known[-1]:.12g} s, images and sightings from t = {chosen[0]:.12g} s to "
+            f"{chosen[-1]:.12g} s; give both one clock"
+        )
+    return Nodes(inside, chosen, of_lines)
+
+
+def line_times(log: Log) -> tuple[Array, Array]:
+    """Returns the distinct times (s) that ``every`` thins, and those of all other sightings.
+
+    The first are of images and sightings.csv, or of the odometry in a log without any sighting.
+    """
+    seen = [np.zeros(0)]
+    if log.images is not None:
+        seen.append(log.images.t[log.floor_images()])
+    if log.sightings is not None:
+        seen.append(log.sightings.t)
+    main = np.unique(np.concatenate(seen))
+    others = np.zeros(0) if log.pose_fixes is None else np.unique(log.pose_fixes.t)
+    if not len(main) and not len(others):
+        main = odometry_times(log)
+    return main, others
+
+
+def _within(t: Array, config: ExtractConfig) -> Array:
+    first = -np.inf if config.from_s is None else config.from_s
+    last = np.inf if config.to_s is None else config.to_s
+    return t[(t >= first) & (t <= last)]
+
+
+def odometry_file(log: Log) -> str:
+    """Returns the name of the file in a log folder that odometry is taken from."""
+    return "wheels.csv" if log.wheels is not None else "odometry.csv"
+
+
+def odometry_times(log: Log) -> Array:
+    """Returns the times (W,) of the odometry's readings, s."""
+    track = log.wheels if log.wheels is not None else log.odometry
+    assert track is not None, "a log without odometry cannot be made"
+    return track.t
+
+
+def assumed_drive(log: Log, noise: NoiseConfig) -> DifferentialDrive:
+    """Returns the log's robot with the noise that stands in place of its own."""
+    given = {name: getattr(noise, name) for name in ("noise_left", "noise_right", "slip")}
+    changed = {name: value for name, value in given.items() if value is not None}
+    return replace(log.robot or UNKNOWN_WHEELS, **changed)
+
+
+def odometry_at(log: Log, t: Array, noise: NoiseConfig) -> Odometry:
+    """Returns the odometry between nodes at times (N,), s, increasing, within the wheel record."""
+    drive = assumed_drive(log, noise)
+    if log.wheels is not None:
+        increment, cov = increments_from_wheels(log.wheels.t, log.wheels.angle, t, drive)
+        return Odometry(increment, cov, log.wheels.t, log.wheels.angle)
+    assert log.odometry is not None, "a log without odometry cannot be made"
+    return Odometry(*increments_from_poses(log.odometry.t, log.odometry.pose, t, drive))

@@ -6,7 +6,7 @@ from compare.plots_map import map_errors
 from compare.plots_path import errors_over_time, floor_plan
 from compare.plots_sightings import innovations, matches_per_line, sightings_per_node
 from compare.plots_style import Plot, style
-from compare.plots_uncertainty import pose_consistency, variances
+from compare.plots_uncertainty import line_variance, pose_consistency, variances
 from compare.record import Record
 
 DRAWINGS = (
@@ -17,6 +17,7 @@ DRAWINGS = (
     sightings_per_node,
     innovations,
     variances,
+    line_variance,
     pose_consistency,
 )
 

@@ -17,6 +17,7 @@ from compare.plots_style import (
     to_svg,
 )
 from compare.record import Record
+from graphslam.estimate import Estimate
 from graphslam.geometry import TAU, Array
 
 NEES_PROBABILITY = 0.95
@@ -25,6 +26,7 @@ SMALLEST_NEES = 1e-2
 """What is smaller is drawn here, on the logarithmic axis."""
 QUANTITIES = (("x", "m", 1.0), ("y", "m", 1.0), ("heading", "deg", 360.0 / TAU))
 SYMBOLS = {"m": "m", "deg": "°"}
+LINE_QUANTITIES = (("rho", "mm", 1e3), ("alpha", "deg", 360.0 / TAU))
 
 
 def variances(record: Record) -> Plot:
@@ -69,6 +71,51 @@ def variances(record: Record) -> Plot:
         to_svg(made, "variance", "Pose and variance over time"),
         drawn,
     )
+
+
+def line_variance(record: Record) -> Plot | None:
+    """Returns the variances of the most seen line over time, as the methods knew them.
+
+    Source: SantanaSLAM Fig. 12.
+    """
+    t = record.measurements.t - record.measurements.t[0]
+    step = stride(len(t))
+    drawn: dict[str, Columns] = {"t_s": t[::step]}
+    made, grid = figure(2.6, 1, 2, sharex=True)
+    for name, estimate in record.estimates.items():
+        line = estimate.map.most_seen("line")
+        if line is None:
+            continue
+        style = {"color": method_colour(name), "ls": METHOD_DASHES.get(name, "-")}
+        for axis, (symbol, unit, scale) in enumerate(LINE_QUANTITIES):
+            values = _variance_of(estimate, line, axis)
+            drawn[f"{name}_variance_{symbol}_{unit}2"] = values = scale**2 * values[::step]
+            grid[0][axis].plot(t[::step], values, label=f"{name}, its line {line}", **style)
+    if len(drawn) == 1:
+        return None
+    for ax, (symbol, unit, _) in zip(grid[0], LINE_QUANTITIES, strict=True):
+        unit = SYMBOLS.get(unit, unit)
+        ax.set(xlabel="time (s)", ylabel=f"variance of {symbol} ({unit}²)", yscale="log")
+        ax.minorticks_off()
+    legend(made, *grid[0][0].get_legend_handles_labels())
+    return Plot(
+        "line-variance",
+        "Variance of the line seen most",
+        "The variance of ρ, in square millimetres, and of α, in square degrees, of the line that "
+        "each method has most sightings of, floor frame, on logarithmic axes. The filter's is what "
+        "it knew at each time and falls whenever this or a correlated line is seen; the smoother's "
+        "uses the whole run and does not change. Time from the first node.",
+        to_svg(made, "line-variance", "Variance of the line seen most over time"),
+        drawn,
+    )
+
+
+def _variance_of(estimate: Estimate, landmark: int, axis: int) -> Array:
+    """Returns the variance (N,) of one landmark parameter over time; constant without history."""
+    column = int(estimate.map.offsets()[landmark]) - 3 + axis
+    if estimate.map_variance is not None:
+        return estimate.map_variance[:, column]
+    return np.full(len(estimate.t), estimate.landmark_cov(landmark)[axis, axis])
 
 
 def _steady(values: Array, unit: str) -> Array:

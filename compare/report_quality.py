@@ -139,10 +139,9 @@ def most_seen_line(record: Record) -> dict[str, Any] | None:
     """Returns what each method claims, at the end, of the line that it saw most; None without."""
     rows = []
     for name, estimate in record.estimates.items():
-        lines, _ = estimate.map.of_kind("line")
-        if not len(lines):
+        row = estimate.map.most_seen("line")
+        if row is None:
             continue
-        row = int(lines[np.argmax(estimate.map.sightings[lines])])
         cov = estimate.landmark_cov(row)
         rows.append(
             {

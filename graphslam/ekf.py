@@ -21,6 +21,8 @@ from graphslam.models.odometry import transition
 
 LOST_INFLATION = 2.0
 """Factor on the pose's standard deviations when the filter says that it is lost."""
+LARGEST_HISTORY = 4_000_000
+"""Most entries of the landmarks' variances over time that are kept: 32 MB."""
 
 
 def run_ekf(
@@ -82,6 +84,7 @@ class _Filter:
         self.nis = np.full(count, np.nan)
         self.counts: Counter[str] = Counter()
         self.rejected_in_a_row = 0
+        self.history: list[Array] | None = []
 
     def run(self) -> Estimate:
         measurements = self.measurements
@@ -101,7 +104,25 @@ class _Filter:
                     seen, used = seen + len(rows), used + int(self.used[first + rows].sum())
             self.notice_being_lost(seen, used)
             pose[node], cov[node] = self.state.mean[:3], self.state.P[:3, :3]
+            if self.history is not None:
+                self.remember_variances()
         return self.finish(pose, cov)
+
+    def remember_variances(self) -> None:
+        """Keeps the landmarks' variances at a node, as long as they are few enough to keep."""
+        assert self.history is not None
+        self.history.append(np.diagonal(self.state.P)[3:].copy())
+        if len(self.measurements.t) * (self.state.size - 3) > LARGEST_HISTORY:
+            self.history = None
+
+    def variances_over_time(self) -> Array | None:
+        """Returns the landmarks' variances (N, L) at each node, NaN before they were started."""
+        if self.history is None:
+            return None
+        out = np.full((len(self.history), self.state.size - 3), np.nan)
+        for row, known in zip(out, self.history, strict=True):
+            row[: len(known)] = known
+        return out
 
     # ---- prediction ------------------------------------------------------------------------
 
@@ -287,4 +308,5 @@ class _Filter:
             weight=np.ones(len(self.match)),
             unobserved=unobserved_directions(information, joint[:3, :3], cov_odometry[-1]),
             counts={reason: n for reason, n in sorted(self.counts.items()) if n},
+            map_variance=self.variances_over_time(),
         )

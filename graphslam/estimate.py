@@ -77,6 +77,9 @@ class Estimate:
         converged: whether the optimiser met its tolerance.
         unobserved: directions that the data does not fix.
         counts: what happened to sightings (rejected by reason, times lost, ...), by name.
+        map_variance: (N, L) variances of all landmark parameters as they were known at each node,
+            in the order of ``cov_joint``, NaN before a landmark was started; None for methods that
+            have no such history, and for runs too large to keep it.
     """
 
     method: str
@@ -95,6 +98,7 @@ class Estimate:
     converged: bool = True
     unobserved: tuple[Unobserved, ...] = ()
     counts: Mapping[str, int] = field(default_factory=dict)
+    map_variance: Array | None = None
 
     def __post_init__(self) -> None:
         nodes, size, sightings = len(self.t), int(self.map.offsets()[-1]), len(self.match)
@@ -112,6 +116,10 @@ class Estimate:
             value = frozen(f"{self.method}.{name}", getattr(self, name), shape, dtype, nan)
             object.__setattr__(self, name, value)
         object.__setattr__(self, "counts", MappingProxyType(dict(self.counts)))
+        if self.map_variance is not None:
+            shape = (nodes, size - 3)
+            value = frozen("map_variance", self.map_variance, shape, float, True)
+            object.__setattr__(self, "map_variance", value)
 
     def __reduce__(self) -> tuple[Any, ...]:
         values = [getattr(self, f.name) for f in fields(self)]
@@ -142,6 +150,8 @@ class Estimate:
         }
         for name in ("t", "pose", "cov_floor", "cov_joint", "match", "used", "nis", "weight"):
             arrays[name] = getattr(self, name)
+        if self.map_variance is not None:
+            arrays["map_variance"] = self.map_variance
         for name in ("id", "params", "extent", "sightings"):
             arrays[f"map.{name}"] = getattr(self.map, name)
         save_arrays(path, arrays)

@@ -149,6 +149,11 @@ class LandmarkMap:
         rows = np.flatnonzero(np.array(self.kind, dtype=object) == kind)
         return rows, self.params[rows][:, : MODELS[kind].dim_landmark]
 
+    def most_seen(self, kind: str) -> int | None:
+        """Returns the row of the landmark of one kind with most sightings; None without any."""
+        rows, _ = self.of_kind(kind)
+        return int(rows[np.argmax(self.sightings[rows])]) if len(rows) else None
+
     def offsets(self) -> IntArray:
         """Returns (M + 1,) where each landmark's parameters start in a joint vector, pose first."""
         dims = [MODELS[kind].dim_landmark for kind in self.kind]

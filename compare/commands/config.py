@@ -10,7 +10,10 @@ from compare.config import RunConfig, to_toml
 
 @dataclass(frozen=True, slots=True)
 class Config:
-    """Print every setting with its default, unit and meaning, as TOML for --config."""
+    """Print every setting with its default, unit and meaning, as TOML for --config.
+
+    Example: graphslam config > mine.toml
+    """
 
     def execute(self) -> int:
         """Prints the defaults."""

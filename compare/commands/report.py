@@ -14,7 +14,10 @@ from compare.commands.common import DONE
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """Write report.html and plots of a result folder again, from its files alone."""
+    """Write report.html and plots of a result folder again, from its files alone.
+
+    Example: graphslam report results/my-log
+    """
 
     folder: Annotated[Path, tyro.conf.Positional, arg(metavar="DIR")]
     """A folder that `graphslam run` wrote."""

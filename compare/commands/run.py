@@ -26,7 +26,10 @@ from frontend.config import ExtractConfig
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Extract, estimate, compare, report: the main job."""
+    """Extract, estimate, compare, report: the main job.
+
+    Example: graphslam run my-log --every 2 --ekf.matching.gate 9
+    """
 
     logs: Logs
     """Log folders. Several run one after the other; one that fails does not stop the rest."""
@@ -65,7 +68,10 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class Extract:
-    """Turn a log into measurements, and stop there."""
+    """Turn a log into measurements, and stop there.
+
+    Example: graphslam extract my-log --out measurements/my-log
+    """
 
     log: Log
     """Log folder."""

@@ -202,8 +202,8 @@ def test_one_method_alone_still_has_a_report(tmp_path: Path) -> None:
 
 def test_plots_are_well_formed_undated_and_carry_what_they_show_as_text(result: RunResult) -> None:
     plots = sorted((result.folder / "plots").glob("*.svg"))
-    names = ["errors", "floor-plan", "map-errors", "matches", "nees", "nis", "sightings"]
-    names += ["variance"]
+    names = ["errors", "floor-plan", "line-variance", "map-errors", "matches", "nees", "nis"]
+    names += ["sightings", "variance"]
     assert [p.stem for p in plots] == names
     for path in plots:
         text = path.read_text()
@@ -227,7 +227,7 @@ def test_every_plot_has_its_numbers_beside_it_with_their_units(
         names = {
             n for n in rows[0] if n.startswith(("t_", "x", "y", "ekf_", "odometry_", "true_p"))
         }
-        assert all(re.search(r"_(s|m|m2|mm|deg|deg2|node|nis|dof)$", name) for name in names), path
+        assert all(re.search(r"_(s|m|m2|mm|mm2|deg|deg2|node|nis|dof)$", name) for name in names), path
     with (result.folder / "plots" / "variance.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     cov = record.estimates["ekf"].cov_floor

@@ -214,3 +214,20 @@ def test_a_start_beyond_what_numbers_hold_is_an_error_in_words() -> None:
 def test_settings_that_mean_nothing_are_refused_by_name(config: type, values: dict) -> None:
     with pytest.raises(BadConfig, match=next(reversed(values))):
         config(**values)
+
+
+def test_the_filter_remembers_what_it_knew_of_each_landmark_and_when() -> None:
+    estimate = run_ekf(drive(1, 120)[0])
+    history = estimate.map_variance
+    assert history is not None
+    assert history.shape == (120, 2 * len(estimate.map))
+    np.testing.assert_allclose(history[-1], np.diag(estimate.cov_joint)[3:], rtol=1e-12)
+    for column in history.T:
+        known = np.flatnonzero(np.isfinite(column))
+        np.testing.assert_array_equal(known, np.arange(known[0], 120))  # once known, always known
+        assert np.all(np.diff(column[known]) <= 1e-12 * column[known[0]])  # a still landmark
+
+
+def test_a_history_too_large_to_keep_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("graphslam.ekf.LARGEST_HISTORY", 100)
+    assert run_ekf(drive(1, 40)[0]).map_variance is None

@@ -45,6 +45,7 @@ def test_saved_estimate_comes_back_equal(measurements: Measurements, tmp_path: P
     np.testing.assert_array_equal(again.match, estimate.match)
     assert (again.method, again.causal, again.counts) == ("ekf", True, estimate.counts)
     assert again.unobserved == estimate.unobserved
+    np.testing.assert_array_equal(again.map_variance, estimate.map_variance)
     again.save(tmp_path / "f.npz")
     assert (tmp_path / "e.npz").read_bytes() == (tmp_path / "f.npz").read_bytes()
 

@@ -132,51 +132,78 @@ def wheel_increment(rotation: Array, drive: DifferentialDrive) -> tuple[Array, A
 
 
 @njit(cache=True)
+def _turn(A, theta):  # type: ignore[no-untyped-def]
+    """Turns the x and y rows of A (3, n) by theta, in place."""
+    c, s = math.cos(theta), math.sin(theta)
+    for col in range(A.shape[1]):
+        x, y = A[0, col], A[1, col]
+        A[0, col], A[1, col] = c * x - s * y, s * x + c * y
+
+
+@njit(cache=True)
+def _carry(A, dx, dy):  # type: ignore[no-untyped-def]
+    """Moves sensitivities A (3, n) of a pose over a step: heading errors become offsets."""
+    for col in range(A.shape[1]):
+        A[0, col] -= dy * A[2, col]
+        A[1, col] += dx * A[2, col]
+
+
+@njit(cache=True)
+def _add_noise(cov, A, variance):  # type: ignore[no-untyped-def]
+    """Adds A diag(variance) A' to cov (3, 3), in place."""
+    for a in range(3):
+        for b in range(3):
+            for n in range(A.shape[1]):
+                cov[a, b] += A[a, n] * variance[n] * A[b, n]
+
+
+@njit(cache=True)
 def _accumulate(steps, interval, count, drive, paper):  # type: ignore[no-untyped-def]
-    """Returns increments (count, 3) and covariances (count, 3, 3) of grouped readings."""
+    """Returns increments (count, 3) and covariances (count, 3, 3) of grouped readings.
+
+    Loops over scalars throughout: matrix products would take ten times as long to compile.
+    """
     increment, cov = np.zeros((count, 3)), np.zeros((count, 3, 3))
-    V, J, half = np.zeros((3, 2)), np.eye(3), np.zeros((3, 3))
     scale = np.zeros((count, 3, 2))  # d increment / d relative error of each wheel, for "paper"
+    V, half = np.zeros((3, 2)), np.zeros((3, 3))
+    wheel, slip = np.zeros(2), np.zeros(3)
     for k in range(len(steps)):
         i = interval[k]
         x, y, turn, length = _wheel_step(steps[k, 0], steps[k, 1], drive[0], drive[1], drive[2], V)
-        q = np.zeros((3, 3))
-        if not paper:
-            for w in range(2):
-                variance = drive[3 + w] ** 2 * abs(steps[k, w])
-                for a in range(3):
-                    for b in range(3):
-                        q[a, b] += V[a, w] * variance * V[b, w]
         # slip strikes in the middle of the reading: turned by half, with the rest as lever arm
-        metres = abs(length) + 0.5 * drive[2] * abs(turn)
         x_h, y_h = _arc(0.5 * length, 0.5 * turn)[:2]
-        c, s = math.cos(0.5 * turn), math.sin(0.5 * turn)
-        half[0, 0], half[0, 1], half[0, 2] = c, -s, -(y - y_h)
-        half[1, 0], half[1, 1], half[1, 2] = s, c, x - x_h
+        half[0, 0], half[0, 1], half[0, 2] = 1.0, 0.0, 0.0
+        half[1, 0], half[1, 1], half[1, 2] = 0.0, 1.0, 0.0
         half[2, 2] = 1.0
-        slip = np.diag(drive[5:8] ** 2 * metres)
-        q += half @ slip @ half.T
+        _turn(half, 0.5 * turn)
+        _carry(half, x - x_h, y - y_h)
         # compose: increment <- increment + R(theta) step
         theta = increment[i, 2]
+        _turn(V, theta)
+        _turn(half, theta)
         c, s = math.cos(theta), math.sin(theta)
         dx, dy = c * x - s * y, s * x + c * y
-        J[0, 2], J[1, 2] = -dy, dx
-        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        cov[i] = J @ cov[i] @ J.T + R @ q @ R.T
-        if paper:
-            weighted = V.copy()
-            weighted[:, 0] *= steps[k, 0]
-            weighted[:, 1] *= steps[k, 1]
-            scale[i] = J @ scale[i] + R @ weighted
+        _carry(cov[i], dx, dy)
+        _carry(cov[i].T, dx, dy)
+        _carry(scale[i], dx, dy)
+        metres = abs(length) + 0.5 * drive[2] * abs(turn)
+        for n in range(3):
+            slip[n] = drive[5 + n] ** 2 * metres
+        _add_noise(cov[i], half, slip)
+        for w in range(2):
+            wheel[w] = drive[3 + w] ** 2 * abs(steps[k, w])
+            for a in range(3):
+                scale[i, a, w] += V[a, w] * steps[k, w]
+        if not paper:
+            _add_noise(cov[i], V, wheel)
         increment[i, 0] += dx
         increment[i, 1] += dy
         increment[i, 2] += turn
     if paper:
+        for w in range(2):
+            wheel[w] = drive[3 + w] ** 2
         for i in range(count):
-            for w in range(2):
-                for a in range(3):
-                    for b in range(3):
-                        cov[i, a, b] += scale[i, a, w] * drive[3 + w] ** 2 * scale[i, b, w]
+            _add_noise(cov[i], scale[i], wheel)
     return increment, cov
 
 

@@ -52,6 +52,9 @@ class DetectorConfig:
     coarsest_pixel_m: float = 0.03
     """Edge pixels that cover more floor than this across their edge are ignored (near the
     horizon), m."""
+    vaguest_alpha_deg: float = 0.5
+    """Lines are left out whose own fit leaves their direction more uncertain than this (one
+    standard deviation), degrees."""
     sigma_rho_a_m: float = 0.004
     """a of the noise of rho, `a + b |sin alpha_M| (exp(rho / c) - 1)`, m (SantanaLoc eq. (22))."""
     sigma_rho_b_m: float = 0.3

@@ -208,7 +208,7 @@ def _accept(
     for centre in centres:
         if np.ptp(centre.extent) < config.min_length_m:
             rejected["too short"] += 1
-        elif centre.sigma_alpha > np.radians(config.sigma_alpha_deg):
+        elif centre.sigma_alpha > np.radians(config.vaguest_alpha_deg):
             rejected["direction too vague"] += 1
         elif any(_overlap(centre, other, config) for other in kept):
             rejected["seen twice"] += 1

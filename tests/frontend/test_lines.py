@@ -314,9 +314,9 @@ def test_a_stretch_shorter_than_asked_for_is_rejected_and_counted() -> None:
     assert found.rejected["too short"] == 1
 
 
-def test_a_line_less_sure_than_its_noise_says_is_rejected_and_counted() -> None:
+def test_a_line_of_too_vague_a_direction_is_rejected_and_counted() -> None:
     camera = CAMERAS["160x120"]
-    config = DetectorConfig(sigma_alpha_deg=1e-3)
+    config = DetectorConfig(vaguest_alpha_deg=1e-3)
     found = detect_lines(floor_with_lines(camera), camera, config)
     assert len(found) == 0
     assert found.rejected["direction too vague"] == len(LINES)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -12,6 +13,7 @@ from compare.config import RunConfig, to_toml
 from compare.console import Progress
 from compare.noise import UNSUSPICIOUS, NoiseSuggestion, suggest_noise
 from frontend.log import Log
+from graphslam.errors import BadLog
 
 
 def calibrate_noise(
@@ -38,6 +40,11 @@ def calibrate_noise(
     )
     tell(f"{log.name}: fit noise", 0, 1)
     estimate = run_ekf(measurements, config.ekf)
+    if not np.isfinite(estimate.nis).any():
+        raise BadLog(
+            f"{log.folder}: nothing is seen twice, so there is nothing to fit noise to; see "
+            "`graphslam inspect`"
+        )
     return suggest_noise(log, measurements, estimate, truth_of(log, measurements), config)
 
 

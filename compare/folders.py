@@ -24,6 +24,7 @@ WRITE_CURES = {
     errno.EROFS: ACCESS,
     errno.ENOTDIR: "part of this path is a file; give another --out",
     errno.EEXIST: "part of this path is a file; give another --out",
+    errno.EISDIR: "this is a folder; give another --out",
     errno.ENAMETOOLONG: "give a shorter --out",
 }
 """What to do about errors of writing."""

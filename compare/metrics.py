@@ -12,6 +12,8 @@ from compare.truth import Truth
 from graphslam.estimate import Estimate
 from graphslam.geometry import Array, compose, wrap
 
+FEWEST_POSES = 3
+"""True poses below which alignment leaves nothing to judge."""
 START_TOLERANCE = 1e-5
 """Truth at the first node equals the start pose up to this, m and rad."""
 RANK_TOLERANCE = 1e-6
@@ -55,13 +57,13 @@ def rms(values: Array) -> float:
 
 
 def trajectory(estimate: Estimate, truth: Truth) -> TrajectoryMetrics | None:
-    """Returns the path's errors, or None where the true path covers no node.
+    """Returns the path's errors, or None where fewer than `FEWEST_POSES` nodes have a true pose.
 
     The aligned figures are evo's absolute pose error with alignment and without scale. Where all
     positions coincide the motion does not turn (see `rigid_from_points`).
     """
     true_pose, covered = truth.at(estimate.t)
-    if not covered.any():
+    if np.count_nonzero(covered) < FEWEST_POSES:
         return None
     pose, true_pose = estimate.pose[covered], true_pose[covered]
     motion = rigid_from_points(pose[:, :2], true_pose[:, :2])

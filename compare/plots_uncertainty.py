@@ -90,7 +90,9 @@ def line_variance(record: Record) -> Plot | None:
         for axis, (symbol, unit, scale) in enumerate(LINE_QUANTITIES):
             values = _variance_of(estimate, line, axis)
             drawn[f"{name}_variance_{symbol}_{unit}2"] = values = scale**2 * values[::step]
-            grid[0][axis].plot(t[::step], values, label=f"{name}, its line {line}", **style)
+            grid[0][axis].plot(
+                t[::step], values, label=f"{name}, its line {estimate.map.id[line]}", **style
+            )
     if len(drawn) == 1:
         return None
     for ax, (symbol, unit, _) in zip(grid[0], LINE_QUANTITIES, strict=True):

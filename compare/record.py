@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from compare.methods import METHODS
 from compare.metrics import nees
 from compare.replay import Frames
 from compare.results import read_run, write_estimate, write_json, write_sightings
@@ -122,7 +123,9 @@ class Record:
         info = read_run(folder)
         if not info.get("methods"):
             raise BadConfig(f"{folder}: holds measurements but no estimate; use `graphslam run`")
-        return Record(
+        if any(name not in METHODS for name in info["methods"]):
+            raise BadMeasurements(f"{folder / 'run.json'}: names an unknown method; run it again")
+        record = Record(
             info=info,
             measurements=Measurements.load(folder / "measurements.npz"),
             estimates={n: Estimate.load(folder / n / "estimate.npz") for n in info["methods"]},
@@ -131,6 +134,15 @@ class Record:
             timings=_load_json(folder / "timings.json"),
             frames=Frames.load(folder / FRAMES_FILE) if (folder / FRAMES_FILE).exists() else None,
         )
+        sizes = len(record.measurements.t), record.measurements.sighting_count
+        for name, estimate in record.estimates.items():
+            whole = name in record.metrics.get("methods", {})
+            if not whole or (len(estimate.t), len(estimate.match)) != sizes:
+                raise BadMeasurements(
+                    f"{folder}: {name}, metrics.json and measurements.npz are not of one run; run "
+                    "it again"
+                )
+        return record
 
 
 def truth_at_nodes(truth: Truth, measurements: Measurements) -> Truth:

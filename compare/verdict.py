@@ -54,7 +54,7 @@ def verdict(comparison: Comparison) -> tuple[str, ...]:
     findings = tuple(_judged_findings(methods, pair) if judged else _sigma_findings(methods, pair))
     noise = noise_sentence(comparison)
     return (
-        *_headline(findings, pair, judged),
+        *_headline(methods, findings, pair, judged),
         *([] if judged else [NO_TRUTH]),
         *(finding.sentence for finding in findings),
         *_causality(pair),
@@ -84,7 +84,13 @@ NO_TRUTH = (
 )
 
 
-def _headline(findings: Sequence[Finding], pair: Pair | None, judged: bool) -> Iterator[str]:
+def _headline(
+    methods: Sequence[MethodMetrics], findings: Sequence[Finding], pair: Pair | None, judged: bool
+) -> Iterator[str]:
+    if len(methods) > 1 and not any(m.sightings_used for m in methods):
+        yield (
+            "No sighting was used: every method gives the odometry, and there is nothing to choose."
+        )
     if pair is None or not any(f.better for f in findings):
         return
     by = {side: [f.quantity for f in findings if f.better == side] for side in get_args(Side)}

@@ -183,14 +183,15 @@ def _outside(file: str, t: Array, known: Array, odometry: str) -> Iterator[Findi
             "nothing can be estimated",
             "give both one clock, in seconds",
         )
-    elif early:
+        return
+    if early:
         yield Finding(
             file,
             f"{early} of {len(t)} times are before the first row of {odometry}",
             f"{where}; these frames are not used",
             f"start to record {odometry} before {file}, or remove these rows",
         )
-    elif late:
+    if late:
         yield Finding(
             file,
             f"{late} of {len(t)} times are after the last row of {odometry}",

@@ -74,25 +74,34 @@ def _cameras(evidence: Evidence) -> Iterator[Finding]:
 def _lines(evidence: Evidence) -> Iterator[Finding]:
     frames = evidence.frames
     if not frames:
+        if evidence.log.sightings is not None:
+            yield Finding(
+                "sightings.csv",
+                "holds no sighting",
+                "without lines only odometry remains",
+                "record sightings, or remove the file so that images are searched",
+            )
         return
     bad = [frame for frame in frames if not frame.readable]
     images = evidence.log.images
     if bad and images is not None:
         yield Finding(
-            str(images.file[bad[0].image]),
+            images.file[bad[0].image].relative_to(evidence.log.folder.resolve()).as_posix(),
             f"{len(bad)} of {len(frames)} images looked at cannot be read, this one first",
             "empty, cut off, or of an unknown format",
             "write them again, or remove their rows from images.csv",
         )
-    seen = [frame for frame in frames if len(frame.z)]
-    if not seen:
+    readable = [frame for frame in frames if frame.readable]
+    seen = [frame for frame in readable if len(frame.z)]
+    if readable and not seen:
         yield Finding(
             "lines",
-            f"no line in {len(frames)} frames",
+            f"no line in {len(readable)} frames",
             "without lines only odometry remains",
             "look at the picture: are there lines, are they as wide and as long as "
             "extract.detector.line_width_m and min_length_m say, and is the homography right?",
         )
+    if not seen:
         return
     alpha = np.concatenate([frame.z[:, 1] for frame in seen])
     t = np.repeat([frame.t for frame in seen], [len(frame.z) for frame in seen])

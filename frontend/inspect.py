@@ -276,7 +276,9 @@ def _sources(log: Log) -> Iterator[Source]:
 def _needs(log: Log) -> Iterator[Need]:
     """Yields what is missing for each purpose."""
     images = log.images is not None and len(log.floor_images()) > 0
-    sensor = images or log.sightings is not None or log.pose_fixes is not None
+    given = log.sightings is not None and len(log.sightings.t) > 0
+    fixes = log.pose_fixes is not None and len(log.pose_fixes.t) > 0
+    sensor = given or fixes or (images and log.sightings is None)
     lines = () if sensor else ("images.csv with a [camera], sightings.csv or tags.csv",)
     path = () if log.truth is not None else ("groundtruth.tum",)
     lines_true = () if log.map is not None else ("map.csv",)

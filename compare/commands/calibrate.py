@@ -11,6 +11,7 @@ import tyro
 from tyro.conf import arg
 
 from compare.commands.common import DONE, USAGE, ConfigFile, Log
+from graphslam.errors import BadConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,14 +40,21 @@ class Calibrate:
         from compare.calibration import calibrate_noise, noise_toml, print_noise
         from compare.config import RunConfig, load_config
         from compare.console import Progress
+        from compare.folders import writing
+        from compare.montecarlo import whole_file
         from frontend.log import open_log
 
+        if self.out is not None and self.out.is_dir():
+            raise BadConfig(f"{self.out}: is a folder; give a file to --out")
         log = open_log(self.log)
         config = RunConfig() if self.config_file is None else load_config(self.config_file)
         with Progress() as progress:
             found = calibrate_noise(log, config, progress)
         print_noise(found, log)
         if self.out is not None:
-            self.out.write_text(noise_toml(found, log.name), encoding="utf-8")
+            with writing(self.out):
+                self.out.parent.mkdir(parents=True, exist_ok=True)
+                with whole_file(self.out) as beside:
+                    beside.write_text(noise_toml(found, log.name), encoding="utf-8")
             print(self.out)
         return DONE

@@ -41,7 +41,7 @@
     if (a === "" || b === "") return (a === "") - (b === ""); // what is unknown comes last
     if (typeof a === "number" && typeof b === "number") return sign * (a - b);
     if (typeof a === "number") return -1;
-    return typeof b === "number" ? 1 : sign * a.localeCompare(b, "en");
+    return typeof b === "number" ? 1 : sign * a.localeCompare(b, "en", { numeric: true });
   }
 
   function sort(table, header, column) {

@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.simulate.scenario import Motion, Scenario
+from graphslam.errors import BadConfig
 from graphslam.geometry import Array, compose
 from graphslam.models.odometry import DifferentialDrive, wheel_increment
 
 # times are written with this many decimals, and used as they are written
 TIME_DECIMALS = 9
+MOST_READINGS = 5e7
+"""Encoder readings above which a scenario is refused: their arrays take gigabytes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +82,16 @@ def plan(scenario: Scenario) -> tuple[Array, Array]:
 
     Every motion runs at constant wheel speeds. It lasts a whole number of readings, the nearest to
     what its speed asks for, so that no reading mixes two motions.
+
+    Raises:
+        BadConfig: the path takes more readings than fit into memory.
     """
+    seconds = scenario.repeat * sum(_extent(motion, scenario)[2] for motion in scenario.path)
+    if not seconds * scenario.encoder.rate <= MOST_READINGS:
+        raise BadConfig(
+            f"path: {seconds * scenario.encoder.rate:.3g} encoder readings, at most "
+            f"{MOST_READINGS:.0e} are possible; shorten path or repeat, or lower encoder.rate"
+        )
     wheels_of = _wheels_of(scenario.robot)
     pieces = [np.zeros((1, 2))]
     for motion in scenario.path * scenario.repeat:

@@ -227,7 +227,9 @@ def test_every_plot_has_its_numbers_beside_it_with_their_units(
         names = {
             n for n in rows[0] if n.startswith(("t_", "x", "y", "ekf_", "odometry_", "true_p"))
         }
-        assert all(re.search(r"_(s|m|m2|mm|mm2|deg|deg2|node|nis|dof)$", name) for name in names), path
+        assert all(re.search(r"_(s|m|m2|mm|mm2|deg|deg2|node|nis|dof)$", name) for name in names), (
+            path
+        )
     with (result.folder / "plots" / "variance.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     cov = record.estimates["ekf"].cov_floor
@@ -344,3 +346,24 @@ def test_the_best_of_a_row_is_marked_only_where_methods_differ() -> None:
 @pytest.mark.parametrize("count", [1, 1500, 1501, 100_000])
 def test_long_curves_are_thinned(count: int) -> None:
     assert len(range(0, count, stride(count))) <= MOST_POINTS
+
+
+@pytest.mark.parametrize(
+    ("file", "content"),
+    [("metrics.json", "{}"), ("run.json", '{"format": "graphslam-run/1", "methods": ["../x"]}')],
+)
+def test_a_folder_that_is_not_of_one_run_is_refused_in_words(
+    tmp_path: Path, file: str, content: str
+) -> None:
+    folder = run_log(write_tiny_log(tmp_path / "log"), tmp_path / "out").folder
+    (folder / file).write_text(content)
+    with pytest.raises(BadMeasurements, match="run it again"):
+        Record.load(folder)
+
+
+def test_an_estimate_of_another_run_is_noticed(tmp_path: Path) -> None:
+    one = run_log(write_tiny_log(tmp_path / "a", nodes=60), tmp_path / "one").folder
+    other = run_log(write_tiny_log(tmp_path / "b", nodes=40), tmp_path / "other").folder
+    (one / "ekf" / "estimate.npz").write_bytes((other / "ekf" / "estimate.npz").read_bytes())
+    with pytest.raises(BadMeasurements, match="not of one run"):
+        Record.load(one)

@@ -10,6 +10,7 @@ import pytest
 from compare.comparison import Comparison, MethodMetrics, compare
 from compare.verdict import verdict
 from graphslam.baseline import dead_reckoning
+from graphslam.ekf import run_ekf
 from graphslam.estimate import Unobserved
 from tests.compare.made import estimate_of, log_with, relabelled
 from tests.worlds import GRID, drive
@@ -211,3 +212,9 @@ def test_one_method_alone_gets_its_figures_and_no_recommendation() -> None:
 
 def test_a_run_with_no_method_has_no_verdict_to_give() -> None:
     assert verdict(replace(JUDGED, methods=(), agreement=()))[0].startswith("There is no ground")
+
+
+def test_without_any_sighting_the_verdict_says_that_there_is_nothing_to_choose() -> None:
+    measurements = drive(1, 40)[0].without_sightings()
+    judged = compare(None, measurements, [dead_reckoning(measurements), run_ekf(measurements)])
+    assert judged.verdict[0].startswith("No sighting was used")

@@ -630,3 +630,9 @@ def test_santana_slam_is_the_papers_experiment() -> None:
     expected = [[1.08, 0], [2.16, 0], [3.24, 0], [0.98, 90], [1.96, 90], [2.94, 90]]
     found = floor_lines(scenario) * [1.0, 180.0 / math.pi]
     np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_a_path_that_no_memory_holds_is_refused_in_words(tmp_path: Path) -> None:
+    endless = replace(load_scenario("corridor"), path=(Motion(forward=1e9),))
+    with pytest.raises(BadConfig, match="encoder readings"):
+        simulate(endless, tmp_path / "log")

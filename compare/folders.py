@@ -1,4 +1,4 @@
-"""Folders that come to their place whole, and what is left of those whose process was killed."""
+"""Folders and files that come to their place whole, and what killed processes left of them."""
 
 from __future__ import annotations
 
@@ -91,6 +91,14 @@ def working_folder(folder: Path) -> Iterator[Path]:
         finally:
             shutil.rmtree(beside, ignore_errors=True)
     shutil.rmtree(beside, ignore_errors=True)  # where an open file cannot be removed
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Gives a path beside ``path`` to write to; the file takes its place when it is whole."""
+    beside = path.with_name(f".{path.name}.partial")
+    yield beside
+    beside.replace(path)
 
 
 def _lock(stream: TextIO) -> None:

@@ -7,12 +7,12 @@ import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import IO, Any
 
+from compare.folders import whole_file
 from graphslam.errors import BadConfig, GraphSlamError
 
 Value = float | int | str
@@ -95,14 +95,6 @@ def run_seeded(
         ordered = [_line(_content(done[run])) for run in sorted(done)]
         _write(out, _header(fingerprint) + "".join(ordered))
     return tuple(done[run] for run in range(runs))
-
-
-@contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
-    """Gives a path beside ``path`` to write to; the file takes its place when it is whole."""
-    beside = path.with_name(f".{path.name}.partial")
-    yield beside
-    beside.replace(path)
 
 
 # ---- workers ----------------------------------------------------------------------------------

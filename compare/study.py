@@ -16,8 +16,9 @@ import numpy as np
 
 from compare.comparison import MethodMetrics, compare
 from compare.config import RunConfig
+from compare.folders import whole_file
 from compare.methods import run_methods
-from compare.montecarlo import Progress, SeededRun, Value, run_seeded, whole_file
+from compare.montecarlo import Progress, SeededRun, Value, run_seeded
 from compare.results import write_csv, write_json
 from frontend.extract import extract
 from frontend.simulate import Scenario, simulate_log

@@ -60,7 +60,7 @@ def innovation_log_likelihood(measurements: Measurements, at: Estimate) -> float
         BadMeasurements: ``at`` does not belong to these measurements.
     """
     run = _Filter(measurements, EkfConfig(), at)
-    run.run()
+    run.filter()
     return run.state.log_likelihood
 
 
@@ -87,6 +87,11 @@ class _Filter:
         self.history: list[Array] | None = []
 
     def run(self) -> Estimate:
+        """Returns what filtering all nodes gives."""
+        return self.finish(*self.filter())
+
+    def filter(self) -> tuple[Array, Array]:
+        """Returns the poses (N, 3) and covariances (N, 3, 3) as each was known at its time."""
         measurements = self.measurements
         nodes = len(measurements.t)
         pose, cov = np.empty((nodes, 3)), np.empty((nodes, 3, 3))
@@ -106,7 +111,7 @@ class _Filter:
             pose[node], cov[node] = self.state.mean[:3], self.state.P[:3, :3]
             if self.history is not None:
                 self.remember_variances()
-        return self.finish(pose, cov)
+        return pose, cov
 
     def remember_variances(self) -> None:
         """Keeps the landmarks' variances at a node, as long as they are few enough to keep."""

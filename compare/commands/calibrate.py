@@ -40,8 +40,7 @@ class Calibrate:
         from compare.calibration import calibrate_noise, noise_toml, print_noise
         from compare.config import RunConfig, load_config
         from compare.console import Progress
-        from compare.folders import writing
-        from compare.montecarlo import whole_file
+        from compare.folders import whole_file, writing
         from frontend.log import open_log
 
         if self.out is not None and self.out.is_dir():

@@ -29,6 +29,9 @@ class RunConfig:
     methods: tuple[Method, ...] = ("odometry", "ekf", "smoother")
     """Methods to run and compare. odometry: the wheels alone. ekf: EKF-SLAM, causal. smoother: the
     factor graph over the whole log, started from the filter's result."""
+    known_map: str | None = None
+    """A map to localise on: a map.csv, or the result folder of one method. Its lines stay where
+    they are; sightings of none of them are dropped and counted (see ekf.extend_map)."""
     extract: ExtractConfig = field(default_factory=ExtractConfig)
     """Recording to measurements."""
     ekf: EkfConfig = field(default_factory=EkfConfig)

@@ -22,6 +22,7 @@ from graphslam.geometry import (
     position_along,
     wrap,
 )
+from graphslam.landmarks import known_count
 from graphslam.measurements import IntArray, Measurements
 from graphslam.models.line import LINE
 
@@ -108,6 +109,8 @@ def map_metrics(
 ) -> MapMetrics | None:
     """Returns the map's errors, or None where either map has no lines.
 
+    Known landmarks were given, not estimated, and are not judged.
+
     Args:
         estimate: the map, and which sighting is matched with which line.
         measurements: the sightings.
@@ -115,7 +118,9 @@ def map_metrics(
         path_motion: (3,) ``truth_T_estimate`` of the aligned path: where the search begins, and
             the answer along directions that the lines do not fix.
     """
-    rows, lines = estimate.map.of_kind(LINE.kind)
+    rows, _ = estimate.map.of_kind(LINE.kind)
+    rows = rows[rows >= known_count(measurements)]
+    lines = estimate.map.params[rows, : LINE.dim_landmark]
     if len(rows) == 0 or len(truth.lines) == 0:
         return None
     middle = seen_middles(estimate, measurements, rows)
@@ -197,7 +202,7 @@ def _table(
     motion: Array,
     status: np.ndarray,
 ) -> MapLines:
-    params = estimate.map.of_kind(LINE.kind)[1]
+    params = estimate.map.params[rows, : LINE.dim_landmark]
     true = np.vstack([truth.lines, [np.nan, np.nan]])[target]
     moved = line_to_floor(params, motion)
     known = target >= 0

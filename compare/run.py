@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import json
-import platform
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from importlib.metadata import PackageNotFoundError, version
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from compare.comparison import Comparison, compare
 from compare.config import RunConfig
+from compare.fingerprint import fingerprints, versions
 from compare.folders import writing
+from compare.map_files import read_map
 from compare.methods import run_methods
 from compare.record import Record, truth_at_nodes
 from compare.replay import take_frames
@@ -30,7 +30,6 @@ Progress = Callable[[str, int, int], None]
 """Called with a stage's name, how much of it is done, and of how much."""
 
 RESULTS = Path("results")
-PACKAGES = ("floorline-slam", "numpy", "scipy", "numba", "gtsam", "opencv-python-headless")
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +92,7 @@ def run_log(
         OSError: the folder cannot be written.
     """
     log = open_log(path)
-    return _run(log, RESULTS / log.name if out is None else Path(out), config, progress)
+    return run_opened(log, RESULTS / log.name if out is None else Path(out), config, progress)
 
 
 def run_logs(
@@ -154,17 +153,39 @@ def extract_log(
     return RunResult(out, log, measurements, {}, None, tuple(info["warnings"]))
 
 
-def _run(log: Log, out: Path, config: RunConfig | None, progress: Progress | None) -> RunResult:
+def run_opened(
+    log: Log,
+    out: Path,
+    config: RunConfig | None = None,
+    progress: Progress | None = None,
+    *,
+    measurements: Measurements | None = None,
+    report: bool = True,
+) -> RunResult:
+    """Does what `run_log` does with a log that is open already.
+
+    Args:
+        log: the recording.
+        out: the result folder.
+        config: what to compute; None for the defaults.
+        progress: told about each stage.
+        measurements: what the log and ``config`` give, where it is at hand; else it is extracted.
+        report: whether to draw the plots and write report.html.
+    """
     config = config or RunConfig()
     check_replaceable(out)
     clock = _Clock(progress, log)
-    measurements = clock("extract", lambda: extract(log, config.extract, clock.inside("extract")))
+    if measurements is None:
+        inside = clock.inside("extract")
+        measurements = clock("extract", lambda: extract(log, config.extract, inside))
+        measurements = on_known_map(measurements, config.known_map)
     estimates, failed = run_methods(measurements, config, clock)
     if failed and not estimates:
         raise next(iter(failed.values()))
     comparison = clock("compare", lambda: compare(log, measurements, list(estimates.values())))
     frames = clock("thumbnails", lambda: take_frames(log, measurements, estimates))
     info = _info(log, measurements, config, estimates)
+    info["failed"] = {name: str(error) for name, error in failed.items()}
     info["warnings"] += [f"{name} failed: {error}" for name, error in failed.items()]
     record = Record(
         info,
@@ -177,10 +198,22 @@ def _run(log: Log, out: Path, config: RunConfig | None, progress: Progress | Non
     )
     with whole_folder(out) as folder:
         clock("write", lambda: record.save(folder))
-        clock("report", lambda: write_report(record, folder))
+        if report:
+            clock("report", lambda: write_report(record, folder))
         write_json(folder / "timings.json", clock.seconds)
     warnings = tuple(info["warnings"])
     return RunResult(out, log, measurements, estimates, comparison, warnings, tuple(failed))
+
+
+def on_known_map(measurements: Measurements, path: str | None) -> Measurements:
+    """Returns measurements with the landmarks of a map file as known ones.
+
+    Raises:
+        BadConfig: the file is no map.
+    """
+    if path is None:
+        return measurements
+    return replace(measurements, known=read_map(path))
 
 
 def _attempt(
@@ -193,7 +226,7 @@ def _attempt(
             number += 1
             name = f"{log.name}-{number}"
         taken.add(name)
-        return Outcome(path, _run(log, out / name, config, progress), None)
+        return Outcome(path, run_opened(log, out / name, config, progress), None)
     except Exception as error:  # whatever it is, the other logs go on
         return Outcome(path, None, error)
 
@@ -241,7 +274,8 @@ def _info(
         "methods": list(estimates),
         "config": asdict(config),
         "seed": None,
-        "versions": _versions(),
+        "versions": versions(),
+        "fingerprints": fingerprints(log, config),
         "nodes": len(measurements.t),
         "sightings": {kind: len(table) for kind, table in measurements.sightings.items()},
         "rejected": dict(measurements.rejected),
@@ -249,13 +283,3 @@ def _info(
         "warnings": [text.replace(str(log.folder), log.folder.name) for text in warnings],
     }
     return dict(json.loads(json.dumps(content)))
-
-
-def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version()}
-    for name in PACKAGES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "not installed"
-    return found

@@ -9,6 +9,7 @@ from typing import Literal, get_args
 from graphslam.errors import BadConfig
 
 Matching = Literal["gated", "nearest", "known"]
+Engine = Literal["gtsam", "chain"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +56,8 @@ class EkfConfig:
     """EKF-SLAM."""
 
     matching: MatchingConfig = field(default_factory=MatchingConfig)
+    extend_map: bool = False
+    """With a known map: whether sightings of none of its landmarks start new ones."""
     lost_after: int = 5
     """Nodes in a row whose sightings were all rejected after which the filter says 'lost' and
     doubles the standard deviations of its pose; 0 switches this off."""
@@ -66,14 +69,20 @@ class EkfConfig:
 
 @dataclass(frozen=True, slots=True)
 class SmootherConfig:
-    """Full smoothing by a GTSAM factor graph."""
+    """Full smoothing by a factor graph."""
 
+    engine: Engine = "gtsam"
+    """Who minimises. gtsam: custom factors in a GTSAM graph, the definition. chain: the same
+    problem by our own elimination of the chain of poses, many times faster."""
     max_iterations: int = 50
     """Largest number of linear solves."""
     tolerance: float = 1e-10
     """Converged when the predicted relative decrease of the cost falls below this."""
 
     def __post_init__(self) -> None:
+        if self.engine not in get_args(Engine):
+            known = ", ".join(get_args(Engine))
+            raise BadConfig(f"smoother.engine = {self.engine!r}: must be one of {known}")
         if self.max_iterations < 1:
             raise BadConfig(f"smoother.max_iterations = {self.max_iterations}: must be 1 or more")
         if not 0 < self.tolerance < 1:

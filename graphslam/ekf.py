@@ -15,12 +15,13 @@ from graphslam.geometry import Array, compose
 from graphslam.information import position_information, unobserved_directions
 from graphslam.kalman import JointState
 from graphslam.landmarks import finish_map, padded
-from graphslam.measurements import IntArray, Measurements, Sightings
+from graphslam.measurements import IntArray, LandmarkMap, Measurements, Sightings
 from graphslam.models import MODELS, Model
 from graphslam.models.odometry import transition
 
 LOST_INFLATION = 2.0
 """Factor on the pose's standard deviations when the filter says that it is lost."""
+FIXED = -1
 LARGEST_HISTORY = 4_000_000
 """Most entries of the landmarks' variances over time that are kept: 32 MB."""
 
@@ -33,7 +34,9 @@ def run_ekf(
     """Returns the path as each pose was known at its time, and the map at the end.
 
     Args:
-        measurements: nodes, odometry, sightings.
+        measurements: nodes, odometry, sightings. Where it has known landmarks this is localisation
+            (SantanaLoc): they stay where they are, and none is added unless the configuration says
+            so.
         config: matching and what to do when lost.
         linearise_at: where given, every model is linearised at this path and map, and its matches
             are used: the filter is then exactly linear and agrees with a smoother linearised at
@@ -42,7 +45,7 @@ def run_ekf(
     Raises:
         BadMeasurements: ``linearise_at`` does not belong to these measurements.
     """
-    return _Filter(measurements, config or EkfConfig(), linearise_at).run()
+    return Filter(measurements, config or EkfConfig(), linearise_at).run()
 
 
 def innovation_log_likelihood(measurements: Measurements, at: Estimate) -> float:
@@ -59,13 +62,17 @@ def innovation_log_likelihood(measurements: Measurements, at: Estimate) -> float
     Raises:
         BadMeasurements: ``at`` does not belong to these measurements.
     """
-    run = _Filter(measurements, EkfConfig(), at)
+    run = Filter(measurements, EkfConfig(), at)
     run.filter()
     return run.state.log_likelihood
 
 
-class _Filter:
-    """One run of the filter: the joint state, and what became of each sighting."""
+class Filter:
+    """One run of the filter: the joint state, and what became of each sighting.
+
+    Filters that differ in a model override `residual` or `motion`, those that linearise elsewhere
+    `linearisation`, those that match otherwise `find`.
+    """
 
     def __init__(self, measurements: Measurements, config: EkfConfig, at: Estimate | None) -> None:
         if at is not None and (
@@ -75,9 +82,12 @@ class _Filter:
         self.measurements, self.config, self.at = measurements, config, at
         self.state = JointState(measurements.start_pose, measurements.start_cov)
         self.kinds: list[str] = []
-        self.offsets: list[int] = []
+        self.offsets: list[int] = []  # of each landmark in the state; `FIXED` for known ones
         self.identity: list[int] = []
         self.row_in_given: list[int] = []  # with ``at``: which of its landmarks each of ours is
+        self.known = padded([])
+        if measurements.known is not None:
+            self.take_known(measurements.known)
         count = measurements.sighting_count
         self.match = np.full(count, -1)
         self.used = np.zeros(count, bool)
@@ -85,6 +95,14 @@ class _Filter:
         self.counts: Counter[str] = Counter()
         self.rejected_in_a_row = 0
         self.history: list[Array] | None = []
+
+    def take_known(self, known: LandmarkMap) -> None:
+        """Starts with a known map, whose landmarks are no part of the state."""
+        self.known = known.params
+        self.kinds += known.kind
+        self.offsets += [FIXED] * len(known)
+        self.identity += known.id.tolist()
+        self.row_in_given += range(len(known))
 
     def run(self) -> Estimate:
         """Returns what filtering all nodes gives."""
@@ -124,9 +142,11 @@ class _Filter:
         """Returns the landmarks' variances (N, L) at each node, NaN before they were started."""
         if self.history is None:
             return None
-        out = np.full((len(self.history), self.state.size - 3), np.nan)
-        for row, known in zip(out, self.history, strict=True):
-            row[: len(known)] = known
+        fixed = sum(MODELS[kind].dim_landmark for kind in self.kinds[: len(self.known)])
+        out = np.full((len(self.history), fixed + self.state.size - 3), np.nan)
+        out[:, :fixed] = 0.0
+        for row, variances in zip(out, self.history, strict=True):
+            row[fixed : fixed + len(variances)] = variances
         return out
 
     # ---- prediction ------------------------------------------------------------------------
@@ -139,8 +159,20 @@ class _Filter:
             here, there = state.mean[:3].copy(), compose(state.mean[:3], increment)
         else:
             here, there = self.at.pose[i], self.at.pose[i + 1]
-        F, Q, offset = transition(here, there, increment, odometry.cov[i])
+        F, Q, offset = self.motion(here, there, increment, odometry.cov[i])
         state.move(there + F @ state.deviation(here) + offset, F, Q)
+
+    def motion(
+        self, here: Array, there: Array, increment: Array, cov: Array
+    ) -> tuple[Array, Array, Array]:
+        """Returns the linear motion model F, Q and offset; see `transition`."""
+        return transition(here, there, increment, cov)
+
+    def residual(
+        self, model: Model, pose: Array, params: Array, z: Array
+    ) -> tuple[Array, Array, Array]:
+        """Returns residuals of sightings with their Jacobians; see `Model.residual`."""
+        return model.residual(pose, params, z)
 
     # ---- sightings -------------------------------------------------------------------------
 
@@ -153,8 +185,11 @@ class _Filter:
         found = self.find(node, model, table, rows, first)
         matched = found >= 0
         self.update(node, model, table, rows[matched], found[matched], first)
-        for row in rows[found == NEW]:
-            self.take_new(node, model, table, row, first)
+        if self.measurements.known is None or self.config.extend_map:
+            for row in rows[found == NEW]:
+                self.take_new(node, model, table, row, first)
+        else:
+            self.counts["sighting of no known landmark"] += int(np.sum(found == NEW))
         known = self.config.matching.method == "known"
         reason = "sighting without a true landmark" if known else "sighting between the gates"
         self.counts[reason] += int(np.sum(found == DROPPED))
@@ -193,23 +228,31 @@ class _Filter:
         self, model: Model, table: Sightings, rows: IntArray, landmarks: IntArray
     ) -> tuple[Array, Array]:
         """Returns residuals (k, M, d) and their covariances (k, M, d, d) for all pairs."""
-        columns = self.columns(model, landmarks)
-        mean = self.state.mean
-        e, J_p, J_l = model.residual(mean[:3], mean[columns], table.z[rows, None])
+        columns, params, free = self.look_up(model, landmarks)
+        e, J_p, J_l = self.residual(model, self.state.mean[:3], params, table.z[rows, None])
+        J_l *= free
         return e, self.state.innovation_covariance(J_p, J_l, columns, table.cov[rows])
 
-    def columns(self, model: Model, landmarks: IntArray) -> IntArray:
-        """Returns the places (M, l) of landmarks' parameters in the state."""
+    def look_up(self, model: Model, landmarks: IntArray) -> tuple[IntArray, Array, Array]:
+        """Returns landmarks' places (M, l) in the state, their parameters (M, l) and who is free.
+
+        A known landmark has no place in the state: it is given the first one, and its Jacobians
+        are to be multiplied by its zero in ``free`` (M, 1, 1).
+        """
         if not model.dim_landmark:
-            return np.zeros((len(landmarks), 0), np.int64)
+            none = np.zeros((len(landmarks), 0))
+            return none.astype(np.int64), none, np.ones((len(landmarks), 1, 1))
         offsets = np.array([self.offsets[m] for m in landmarks], dtype=np.int64)
-        return offsets[:, None] + np.arange(model.dim_landmark)
+        free = offsets != FIXED
+        columns = np.where(free, offsets, 0)[:, None] + np.arange(model.dim_landmark)
+        params = self.state.mean[columns]
+        params[~free] = self.known[landmarks[~free], : model.dim_landmark]
+        return columns, params, free[:, None, None].astype(np.float64)
 
     def linearisation(self, node: int, model: Model, landmarks: IntArray) -> tuple[Array, Array]:
         """Returns the pose (3,) and landmarks (k, l) at which to linearise."""
         if self.at is None:
-            mean = self.state.mean.copy()
-            return mean[:3], mean[self.columns(model, landmarks)]
+            return self.state.mean[:3].copy(), self.look_up(model, landmarks)[1]
         if not model.dim_landmark:
             return self.at.pose[node], np.zeros((len(landmarks), 0))
         given = np.array([self.row_in_given[m] for m in landmarks], dtype=np.int64)
@@ -227,11 +270,13 @@ class _Filter:
         """Updates the state with matched sightings of one node in one step."""
         if not len(rows):
             return
-        state, columns = self.state, self.columns(model, landmarks)
+        state = self.state
+        columns, current, free = self.look_up(model, landmarks)
         pose, params = self.linearisation(node, model, landmarks)
-        e, J_p, J_l = model.residual(pose, params, table.z[rows])
+        e, J_p, J_l = self.residual(model, pose, params, table.z[rows])
+        J_l *= free
         innovation = -e - J_p @ state.deviation(pose)
-        innovation -= (J_l @ (state.mean[columns] - params)[..., None])[..., 0]
+        innovation -= (J_l @ (current - params)[..., None])[..., 0]
         own = state.correct(innovation, J_p, J_l, columns, table.cov[rows])
         self.match[first + rows] = landmarks
         self.used[first + rows] = True
@@ -292,10 +337,11 @@ class _Filter:
         """Returns the state as an estimate; landmarks get their one name only here."""
         m = self.measurements
         dims = [MODELS[kind].dim_landmark for kind in self.kinds]
-        params = padded(
-            [self.state.mean[o : o + d] for o, d in zip(self.offsets, dims, strict=True)]
-        )
-        joint = 0.5 * (self.state.P + self.state.P.T)
+        known = len(self.known)
+        mean, own = self.state.mean, zip(self.offsets[known:], dims[known:], strict=True)
+        given = [row[:d] for row, d in zip(self.known, dims, strict=False)]
+        params = padded([*given, *(mean[o : o + d] for o, d in own)])
+        joint = self.state.joint(3, sum(dims[:known]))
         landmarks, joint = finish_map(m, pose, self.kinds, params, self.match, joint)
         information = position_information(m, pose, landmarks, self.match)
         _, cov_odometry = propagate(m)

@@ -27,6 +27,11 @@ def padded(params: Sequence[Array]) -> Array:
     return out
 
 
+def known_count(measurements: Measurements) -> int:
+    """Returns how many landmarks are known; they are the first rows of every estimate's map."""
+    return 0 if measurements.known is None else len(measurements.known)
+
+
 @dataclass(frozen=True, slots=True)
 class Used:
     """The sightings of one kind that an estimate uses, with their landmarks.
@@ -78,15 +83,19 @@ def finish_map(
     """Returns the canonical map with extents and counts, and the covariance that belongs to it.
 
     Args:
-        measurements: the sightings behind the map.
+        measurements: the sightings behind the map; known landmarks keep their ids and extents,
+            the latter widened by what was seen.
         pose: (N, 3) path from which the sightings' stretches are laid on the landmarks.
         kinds: (M,) kind of each landmark.
         params: (M, l) estimated parameters, padded with NaN, not yet canonical.
         match: (K,) landmark of each sighting, -1 where it has none.
         cov_joint: (3 + L, 3 + L) covariance of last pose and ``params``, floor frame.
     """
-    count = len(kinds)
-    extent = np.full((count, 2), np.nan)
+    count, known = len(kinds), measurements.known
+    extent, names = np.full((count, 2), np.nan), np.arange(count)
+    if known is not None and len(known):
+        extent[: len(known)] = known.extent
+        names = np.concatenate([known.id, 1 + known.id.max() + names[: count - len(known)]])
     for used in used_sightings(measurements, match, params):
         if used.model.dim_landmark:
             table, rows = used.table, used.rows
@@ -96,7 +105,7 @@ def finish_map(
             np.fmin.at(extent[:, 0], used.landmark, stretch[:, 0])
             np.fmax.at(extent[:, 1], used.landmark, stretch[:, 1])
     sightings = np.bincount(match[match >= 0], minlength=count)
-    draft = LandmarkMap(np.arange(count), tuple(kinds), params, extent, sightings)
+    draft = LandmarkMap(names, tuple(kinds), params, extent, sightings)
     return _canonical(draft, cov_joint)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from graphslam.smoother.batch import smooth
 from graphslam.smoother.check import FactorCheck, check_factor
 from graphslam.smoother.factors import (
+    fixed_sighting_factor,
     landmark_key,
     odometry_factor,
     pose_key,
@@ -12,15 +13,20 @@ from graphslam.smoother.factors import (
     sighting_factor,
     start_factor,
 )
-from graphslam.smoother.graph import Problem, build_graph
+from graphslam.smoother.graph import FactorGraph, build_graph, graph_of
 from graphslam.smoother.optimise import Solution, optimise
+from graphslam.smoother.problem import Minimum, Problem, state_problem
 
 __all__ = [
     "FactorCheck",
+    "FactorGraph",
+    "Minimum",
     "Problem",
     "Solution",
     "build_graph",
     "check_factor",
+    "fixed_sighting_factor",
+    "graph_of",
     "landmark_key",
     "odometry_factor",
     "optimise",
@@ -29,4 +35,5 @@ __all__ = [
     "sighting_factor",
     "smooth",
     "start_factor",
+    "state_problem",
 ]

@@ -94,13 +94,19 @@ def sighting_factor(
         keys = [pose_key(node), landmark_key(landmark)]
         return residual_factor(keys, [True, False], [3, model.dim_landmark], residual, cov)
 
-    nothing = np.zeros(0)
+    return fixed_sighting_factor(model, z, cov, node, np.zeros(0))
 
-    def residual_of_pose(pose: Array) -> tuple[Array, ...]:
-        e, J_e_pose, _ = model.residual(pose, nothing, z)
+
+def fixed_sighting_factor(
+    model: Model, z: Array, cov: Array, node: int, params: Array
+) -> gtsam.CustomFactor:
+    """Returns the factor of one sighting of a known landmark (l,), which is no variable."""
+
+    def residual(pose: Array) -> tuple[Array, ...]:
+        e, J_e_pose, _ = model.residual(pose, params, z)
         return e, J_e_pose
 
-    return residual_factor([pose_key(node)], [True], [3], residual_of_pose, cov)
+    return residual_factor([pose_key(node)], [True], [3], residual, cov)
 
 
 def odometry_factor(node: int, increment: Array, cov: Array) -> gtsam.CustomFactor:

@@ -15,12 +15,11 @@ import numpy as np
 
 from graphslam.config import SmootherConfig
 from graphslam.errors import UnderConstrained
+from graphslam.smoother.problem import NOT_DETERMINED
 
 FIRST_DAMPING = 1e-4
 LARGEST_DAMPING = 1e10
 DAMPING_FACTOR = 10.0
-
-NOT_DETERMINED = "the measurements do not determine every pose and landmark: "
 
 
 @dataclass(frozen=True, slots=True)

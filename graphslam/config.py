@@ -10,6 +10,8 @@ from graphslam.errors import BadConfig
 
 Matching = Literal["gated", "nearest", "known"]
 Engine = Literal["gtsam", "chain"]
+Robust = Literal["none", "huber", "cauchy", "gnc"]
+ParticleStart = Literal["given", "anywhere"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +76,15 @@ class SmootherConfig:
     engine: Engine = "gtsam"
     """Who minimises. gtsam: custom factors in a GTSAM graph, the definition. chain: the same
     problem by our own elimination of the chain of poses, many times faster."""
+    robust: Robust = "none"
+    """Kernel on sightings. none: plain least squares. huber, cauchy: less weight to large
+    residuals. gnc: truncated least squares by graduated non-convexity, which switches wrong
+    matches off without a good start."""
+    robust_gate: float = 14.0
+    """Squared normalised residual of a sighting of two dimensions that still counts as right
+    (chi-square, 99.9 %); other dimensions take the same probability."""
+    robust_odometry: bool = False
+    """Whether the kernel acts on odometry's increments, too: for wheels that slip or are lifted."""
     max_iterations: int = 50
     """Largest number of linear solves."""
     tolerance: float = 1e-10
@@ -83,7 +94,73 @@ class SmootherConfig:
         if self.engine not in get_args(Engine):
             known = ", ".join(get_args(Engine))
             raise BadConfig(f"smoother.engine = {self.engine!r}: must be one of {known}")
+        if self.robust not in get_args(Robust):
+            known = ", ".join(get_args(Robust))
+            raise BadConfig(f"smoother.robust = {self.robust!r}: must be one of {known}")
+        if not 0 < self.robust_gate < math.inf:
+            raise BadConfig(f"smoother.robust_gate = {self.robust_gate}: must be positive")
         if self.max_iterations < 1:
             raise BadConfig(f"smoother.max_iterations = {self.max_iterations}: must be 1 or more")
         if not 0 < self.tolerance < 1:
             raise BadConfig(f"smoother.tolerance = {self.tolerance}: must be between 0 and 1")
+
+
+@dataclass(frozen=True, slots=True)
+class ParticleConfig:
+    """Monte Carlo localisation on a known map."""
+
+    start: ParticleStart = "given"
+    """Where the robot may stand at first. given: as [start] says, with its sigma. anywhere: every
+    place of the region, in every direction."""
+    region: tuple[float, float, float, float] | None = None
+    """Floor that the robot can be on: smallest x, largest x, smallest y, largest y, floor frame, m;
+    absent: a box around the known map."""
+    particles: int = 1000
+    """Particles while they agree on one place."""
+    particles_searching: int = 20000
+    """Particles while they do not."""
+    seed: int = 0
+    """Decides all that is random."""
+    resample_below: float = 0.5
+    """Particles are drawn anew (systematic resampling) where their effective number falls below
+    this share of them."""
+    agree_m: float = 0.25
+    """Particles agree where nearly all lie this close to their densest place, m, ..."""
+    agree_deg: float = 10.0
+    """... and this close to its heading, degrees."""
+    agree_share: float = 0.98
+    """How much of the particles' weight 'nearly all' is."""
+    lost_after: int = 10
+    """Nodes in a row that show hardly a line where the particles expect one after which the search
+    starts again over the whole region; 0 switches this off."""
+
+    def __post_init__(self) -> None:
+        if self.start not in get_args(ParticleStart):
+            known = ", ".join(get_args(ParticleStart))
+            raise BadConfig(f"particle.start = {self.start!r}: must be one of {known}")
+        if self.region is not None:
+            x_min, x_max, y_min, y_max = self.region
+            if not (-math.inf < x_min < x_max < math.inf and -math.inf < y_min < y_max < math.inf):
+                raise BadConfig(
+                    f"particle.region = {self.region}: needs smallest x, largest x, smallest y, "
+                    "largest y, all finite"
+                )
+        if not 10 <= self.particles <= self.particles_searching:
+            raise BadConfig(
+                f"particle.particles = {self.particles}, particles_searching = "
+                f"{self.particles_searching}: at least 10, and not fewer while searching"
+            )
+        if self.seed < 0 or self.lost_after < 0:
+            raise BadConfig(
+                f"particle.seed = {self.seed}, lost_after = {self.lost_after}: must be 0 or more"
+            )
+        if not (0 < self.resample_below <= 1 and 0.5 < self.agree_share < 1):
+            raise BadConfig(
+                f"particle.resample_below = {self.resample_below}, agree_share = "
+                f"{self.agree_share}: shares, above 0 and at most 1, above 0.5 and below 1"
+            )
+        if not (0 < self.agree_m < math.inf and 0 < self.agree_deg <= 90):
+            raise BadConfig(
+                f"particle.agree_m = {self.agree_m}, agree_deg = {self.agree_deg}: must be "
+                "positive, the angle at most 90"
+            )

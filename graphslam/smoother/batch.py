@@ -6,17 +6,18 @@ from importlib import import_module
 
 import numpy as np
 
-from graphslam.association import mahalanobis
 from graphslam.baseline import propagate
 from graphslam.config import SmootherConfig
 from graphslam.estimate import Estimate
-from graphslam.geometry import Array
 from graphslam.information import position_information, unobserved_directions
-from graphslam.landmarks import finish_map, used_sightings
-from graphslam.measurements import IntArray, Measurements
+from graphslam.landmarks import finish_map
+from graphslam.measurements import Measurements
+from graphslam.smoother.fit import sighting_fit
 from graphslam.smoother.problem import Minimum, Problem, state_problem
+from graphslam.smoother.robust import minimise_robustly
 
 ENGINES = {"gtsam": "graphslam.smoother.engine_gtsam", "chain": "graphslam.smoother.chain"}
+SWITCHED_OFF = "sighting switched off by the robust kernel"
 
 
 def smooth(
@@ -43,7 +44,10 @@ def smooth(
         from graphslam.smoother.engine_gtsam import solve_linear
 
         return finish(problem, solve_linear(problem))
-    return finish(problem, minimise(problem, config or SmootherConfig()))
+    config = config or SmootherConfig()
+    if config.robust == "none":
+        return finish(problem, minimise(problem, config))
+    return finish(*minimise_robustly(problem, config, minimise))
 
 
 def minimise(problem: Problem, config: SmootherConfig) -> Minimum:
@@ -68,7 +72,9 @@ def finish(problem: Problem, minimum: Minimum) -> Estimate:
     landmarks, joint = finish_map(measurements, pose, problem.kinds, minimum.params, match, joint)
     information = position_information(measurements, pose, landmarks, match)
     _, cov_odometry = propagate(measurements)
-    nis = _fit(measurements, pose, landmarks.params, match)
+    nis, _ = sighting_fit(measurements, pose, landmarks.params, match)
+    off = problem.weight == 0.0
+    nis[off] = np.nan
     return Estimate(
         method="smoother",
         causal=False,
@@ -85,14 +91,5 @@ def finish(problem: Problem, minimum: Minimum) -> Estimate:
         iterations=minimum.iterations,
         converged=minimum.converged,
         unobserved=unobserved_directions(information, joint[:3, :3], cov_odometry[-1]),
+        counts={SWITCHED_OFF: int(off.sum())} if off.any() else {},
     )
-
-
-def _fit(measurements: Measurements, pose: Array, params: Array, match: IntArray) -> Array:
-    """Returns squared residuals (K,) over the sightings' own covariances; NaN where not used."""
-    nis = np.full(len(match), np.nan)
-    for used in used_sightings(measurements, match, params):
-        table, rows = used.table, used.rows
-        e, _, _ = used.model.residual(pose[table.node[rows]], used.params, table.z[rows])
-        nis[used.index] = mahalanobis(e, table.cov[rows])
-    return nis

@@ -116,6 +116,12 @@ class Comparison:
 
         return comparison_content(self)
 
+    def _repr_html_(self) -> str:
+        """Returns what a notebook shows; see `compare.show`."""
+        from compare.show import comparison_html
+
+        return comparison_html(self.to_dict())
+
 
 def compare(
     log: Log | None, measurements: Measurements, estimates: Sequence[Estimate]

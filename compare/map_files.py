@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from compare.interchange.g2o_read import read_g2o
 from frontend.readers import folder_tables
 from frontend.readers.folder_tables import EXTENT, LINE_COV
 from frontend.table import Table, read_table
@@ -63,16 +64,18 @@ def read_map_file(path: Path | str) -> MapFile:
     """Returns a map and its covariance.
 
     Args:
-        path: a ``map.csv``; an ``estimate.npz``; or a folder: one method's folder of a run (its
-            estimate.npz, which holds correlations too), or any folder with a map.csv.
+        path: a ``map.csv``; an ``estimate.npz``; a g2o graph, ``*.g2o``; or a folder: one method's
+            folder of a run (its estimate.npz, which holds correlations too), or any folder with a
+            map.csv.
 
     Raises:
-        BadLog: the table cannot be used; the message names file, line and cure.
+        BadLog: the table or graph cannot be used; the message names file, line and cure.
         BadMeasurements: the estimate cannot be used.
         BadConfig: there is no map at this place.
     """
     file = _map_in(Path(path))
-    return _of_estimate(file) if file.suffix == ".npz" else _of_table(file)
+    read = {".npz": _of_estimate, ".g2o": _of_graph}.get(file.suffix, _of_table)
+    return read(file)
 
 
 def _map_in(path: Path) -> Path:
@@ -93,6 +96,12 @@ def _map_in(path: Path) -> Path:
 def _of_estimate(path: Path) -> MapFile:
     estimate = Estimate.load(path)
     return MapFile(path, estimate.map, estimate.cov_joint[3:, 3:], joint=True)
+
+
+def _of_graph(path: Path) -> MapFile:
+    landmarks = read_g2o(path).landmarks
+    size = int(landmarks.offsets()[-1]) - 3
+    return MapFile(path, landmarks, np.full((size, size), np.nan), joint=False)
 
 
 def _of_table(path: Path) -> MapFile:

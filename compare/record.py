@@ -97,6 +97,12 @@ class Record:
             counts[row] = right, len(known) - right, len(true) - len(known)
         return counts
 
+    def _repr_html_(self) -> str:
+        """Returns what a notebook shows; see `compare.show`."""
+        from compare.show import result_html
+
+        return result_html(self.metrics, self.estimates)
+
     def save(self, folder: Path) -> None:
         """Writes every file of the run but report and plots into an empty folder."""
         write_json(folder / "run.json", self.info)
@@ -143,6 +149,16 @@ class Record:
                     "it again"
                 )
         return record
+
+
+def load_result(folder: Path | str) -> Record:
+    """Returns a run that `run` wrote, in one line: ``load_result("results/my-log")``.
+
+    Raises:
+        BadConfig: the folder is not one of a run, or holds measurements only.
+        BadMeasurements: its files contradict each other.
+    """
+    return Record.load(Path(folder))
 
 
 def truth_at_nodes(truth: Truth, measurements: Measurements) -> Truth:

@@ -20,21 +20,33 @@ from graphslam.measurements import Measurements, Sightings
 
 RUN_FORMAT = "graphslam-run/1"
 
+Columns = Mapping[str, Sequence[Any] | AnyArray]
+"""A table: columns of equal length by name."""
+
 UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Entries of a pose covariance in the order of `trajectory.csv`."""
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Writes JSON with numbers that are not finite as null; equal content gives equal bytes."""
-    text = json.dumps(_plain(content), indent=2, ensure_ascii=False, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8", newline="\n")
+    path.write_text(json_text(content), encoding="utf-8", newline="\n")
 
 
-def write_csv(path: Path, columns: Mapping[str, Sequence[Any] | AnyArray]) -> None:
-    """Writes columns of equal length; floats by their shortest exact text, NaN as nothing."""
+def json_text(content: Mapping[str, Any]) -> str:
+    """Returns the content of a JSON file, as `write_json` writes it."""
+    return json.dumps(_plain(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def write_csv(path: Path, columns: Columns) -> None:
+    """Writes columns of equal length; floats by their shortest exact text, NaN and None empty."""
+    path.write_text(csv_text(columns), encoding="utf-8", newline="\n")
+
+
+def csv_text(columns: Columns) -> str:
+    """Returns the content of a CSV file, as `write_csv` writes it."""
     texts = [[_text(value) for value in np.asarray(column).tolist()] for column in columns.values()]
     rows = [",".join(columns), *(",".join(row) for row in zip(*texts, strict=True))]
-    path.write_text("\n".join(rows) + "\n", encoding="utf-8", newline="\n")
+    return "\n".join(rows) + "\n"
 
 
 def write_sightings(path: Path, measurements: Measurements, table: Sightings) -> None:
@@ -62,28 +74,40 @@ def write_estimate(
         true_landmark: (K,) true landmark of each sighting, -1 where unknown.
     """
     folder.mkdir()
-    _write_tum(folder / "trajectory.tum", estimate.t, estimate.pose)
-    pose = dict(zip(("x", "y", "theta"), estimate.pose.T, strict=True))
-    cov = {f"cov_{'xyt'[a]}{'xyt'[b]}": estimate.cov_floor[:, a, b] for a, b in UPPER}
-    write_csv(folder / "trajectory.csv", {"t": estimate.t, **pose, **cov})
-    _write_map(folder / "map.csv", estimate)
+    write_tum(folder / "trajectory.tum", estimate.t, estimate.pose)
+    write_csv(folder / "trajectory.csv", trajectory_columns(estimate))
+    write_csv(folder / "map.csv", map_columns(estimate))
     _write_matches(folder / "matches.csv", measurements, estimate, true_landmark)
     estimate.save(folder / "estimate.npz")
 
 
-def _write_tum(path: Path, t: Array, pose: Array) -> None:
+def write_tum(path: Path, t: Array, pose: Array) -> None:
+    """Writes times (N,) and poses (N, 3) as rows ``t x y z qx qy qz qw``, z = 0."""
+    path.write_text(tum_text(t, pose), encoding="utf-8", newline="\n")
+
+
+def tum_text(t: Array, pose: Array) -> str:
+    """Returns the content of a TUM file, as `write_tum` writes it."""
     half = 0.5 * pose[:, 2]
     zero = np.zeros(len(t))
     columns = [t, pose[:, 0], pose[:, 1], zero, zero, zero, np.sin(half), np.cos(half)]
     rows = (" ".join(map(_text, row)) for row in np.column_stack(columns).tolist())
-    path.write_text("\n".join(rows) + "\n", encoding="utf-8", newline="\n")
+    return "".join(row + "\n" for row in rows)
 
 
-def _write_map(path: Path, estimate: Estimate) -> None:
+def trajectory_columns(estimate: Estimate) -> dict[str, AnyArray]:
+    """Returns the columns of ``trajectory.csv``: times, poses and covariances, floor frame."""
+    pose = dict(zip(("x", "y", "theta"), estimate.pose.T, strict=True))
+    cov = {f"cov_{'xyt'[a]}{'xyt'[b]}": estimate.cov_floor[:, a, b] for a, b in UPPER}
+    return {"t": estimate.t, **pose, **cov}
+
+
+def map_columns(estimate: Estimate) -> dict[str, AnyArray]:
+    """Returns the columns of ``map.csv``: the lines with their covariances, floor frame."""
     rows, lines = estimate.map.of_kind("line")
     cov = np.array([estimate.landmark_cov(int(row)) for row in rows]).reshape(-1, 2, 2)
     extent = estimate.map.extent[rows]
-    columns: dict[str, AnyArray] = {
+    return {
         "line": estimate.map.id[rows],
         "rho": lines[:, 0] if len(rows) else np.zeros(0),
         "alpha": lines[:, 1] if len(rows) else np.zeros(0),
@@ -92,7 +116,6 @@ def _write_map(path: Path, estimate: Estimate) -> None:
         "s_max": extent[:, 1],
         "sightings": estimate.map.sightings[rows],
     }
-    write_csv(path, columns)
 
 
 def _write_matches(
@@ -123,7 +146,7 @@ def _covariance_columns(cov: Array) -> dict[str, AnyArray]:
 def _text(value: Any) -> str:
     if isinstance(value, float):
         return "" if math.isnan(value) else repr(value)
-    return str(value)
+    return "" if value is None else str(value)
 
 
 def _plain(value: Any) -> Any:

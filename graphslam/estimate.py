@@ -130,6 +130,12 @@ class Estimate:
         first, last = self.map.offsets()[landmark : landmark + 2]
         return self.cov_joint[first:last, first:last]
 
+    def _repr_html_(self) -> str:
+        """Returns what a notebook shows: a table and a plan; see `graphslam.show`."""
+        from graphslam.show import estimate_html
+
+        return estimate_html(self)
+
     def save(self, path: Path | str) -> None:
         """Writes an .npz without pickle; equal estimates give equal bytes."""
         header = {

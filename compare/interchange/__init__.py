@@ -1,0 +1,1 @@
+"""Results as other programs read them, and what they wrote as ours."""

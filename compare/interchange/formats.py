@@ -1,0 +1,9 @@
+"""Names of formats and tables; a module of its own, so that ``--help`` needs nothing heavy."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+Format = Literal["tum", "g2o", "dxf", "svg", "csv", "json", "latex"]
+Table = Literal["figures", "map", "path"]
+TABLES: tuple[str, ...] = get_args(Table)

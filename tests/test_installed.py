@@ -55,6 +55,8 @@ def test_scenarios_and_templates_work_from_a_wheel_outside_the_clone(
         "from compare.cli import main\n"
         "assert main(['simulate', 'santana-slam', '--out', 'log']) == 0\n"
         "assert main(['run', 'log', '--out', 'result', '--every', '8']) == 0\n"
+        "from compare.printed import printed_paper\n"
+        "assert printed_paper('SantanaLoc') and printed_paper('SantanaSLAM')\n"
     )
     _run([sys.executable, "-c", code], tmp_path, PYTHONPATH=str(installed))
     assert (tmp_path / "log" / "log.toml").is_file()

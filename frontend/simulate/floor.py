@@ -117,3 +117,29 @@ class Light:
             between(name, getattr(self, name), 0.0, 0.9)
         positive("patch_scale", self.patch_scale)
         positive("drift_period", self.drift_period)
+
+
+@dataclass(frozen=True, slots=True)
+class Mess:
+    """What lies or stands on the floor beside its lines, each as a number per square metre.
+
+    Attributes:
+        specks: crumbs and drops, 2 to 12 mm, dark or bright; default 0.
+        stains: blotches of 30 to 200 mm, weak; default 0.
+        strokes: scratches and letters: straight strokes, 10 to 70 mm long and 1 to 4 mm wide;
+            default 0.
+        shadows: straight-edged shadows, 0.08 to 0.5 m wide and longer than that, with a soft
+            border; default 0.
+        legs: things that stand on the floor, 30 to 80 mm thick, hiding what is behind them;
+            default 0.
+    """
+
+    specks: float = 0.0
+    stains: float = 0.0
+    strokes: float = 0.0
+    shadows: float = 0.0
+    legs: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("specks", "stains", "strokes", "shadows", "legs"):
+            between(name, getattr(self, name), 0.0, 1000.0)

@@ -12,6 +12,7 @@ from scipy.special import erf
 
 from frontend.camera import Camera
 from frontend.simulate.floor import Groove, Light
+from frontend.simulate.mess import add_dirt, add_legs, add_shadows
 from frontend.simulate.scenario import Scenario
 from frontend.simulate.world import TILE_CELLS, Tile, World
 from graphslam.geometry import (
@@ -41,6 +42,7 @@ class PixelGrid:
         off_floor: (H, W) whether the pixel looks at or above the horizon.
         shade: (H, W) brightness that moves with the camera: gradient and vignette, mean about 1.
         corners: (V, 2) the floor in view, m, robot frame.
+        camera: the camera.
     """
 
     floor: Array
@@ -49,6 +51,7 @@ class PixelGrid:
     off_floor: NDArray[np.bool_]
     shade: Image
     corners: Array
+    camera: Camera
 
 
 def pixel_grid(camera: Camera, light: Light) -> PixelGrid:
@@ -69,7 +72,7 @@ def pixel_grid(camera: Camera, light: Light) -> PixelGrid:
     corner = np.sum(side**2, -1) / 0.5
     shade = (1.0 + side @ light.gradient) * (1.0 - light.vignette * corner)
     shade = shade.astype(np.float32)
-    return PixelGrid(floor, J_floor_pixel, footprint, off_floor, shade, camera.view())
+    return PixelGrid(floor, J_floor_pixel, footprint, off_floor, shade, camera.view(), camera)
 
 
 def render(
@@ -98,7 +101,13 @@ def render(
     grey = surface.grey + surface.texture * _sample(world.texture, points)
     cover = groove_cover(scenario.groove, camera.blur, lines_robot, stretch_robot, grid)
     grey += scenario.groove.contrast * cover
+    mess = world.mess
+    if mess is not None:
+        add_dirt(grey, mess, pose, grid, camera.blur)
     grey *= 1.0 + light.patches * _sample(world.patches, points)
+    if mess is not None:
+        add_shadows(grey, mess, pose, grid, camera.blur)
+        add_legs(grey, mess, pose, grid, camera.blur)
     grey[grid.off_floor] = WALL * surface.grey
     grey *= grid.shade * np.float32(
         1.0 + light.drift * math.sin(2.0 * math.pi * t / light.drift_period)

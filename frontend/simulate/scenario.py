@@ -10,7 +10,7 @@ from typing import Literal
 from frontend.readers.log_toml import FORMAT as LOG_FORMAT
 from frontend.readers.log_toml import LogTable
 from frontend.simulate.checks import positive
-from frontend.simulate.floor import FloorLine, Groove, Light, LineGrid, Surface
+from frontend.simulate.floor import FloorLine, Groove, Light, LineGrid, Mess, Surface
 from frontend.simulate.sensors import CameraSpec, Encoder, SightingSpec
 from graphslam.errors import BadConfig
 from graphslam.models.odometry import DifferentialDrive
@@ -91,6 +91,7 @@ class Scenario:
         groove: how the lines look.
         surface: the floor between them.
         light: brightness over floor, image and time.
+        mess: dirt, shadows and things on the floor; absent: none.
         sightings: how lines are seen where no images are rendered.
     """
 
@@ -109,6 +110,7 @@ class Scenario:
     groove: Groove = field(default_factory=Groove)
     surface: Surface = field(default_factory=Surface)
     light: Light = field(default_factory=Light)
+    mess: Mess | None = None
     sightings: SightingSpec = field(default_factory=SightingSpec)
 
     def __post_init__(self) -> None:
@@ -141,4 +143,7 @@ class Scenario:
 
     def digest(self) -> str:
         """Returns the SHA-256 of all that the scenario says, hexadecimal."""
-        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()
+        said = asdict(self)
+        if self.mess is None:  # came later: the digests of floors without it stay what they were
+            del said["mess"]
+        return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()

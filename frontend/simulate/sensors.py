@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from frontend.simulate.checks import between, not_negative, positive
+from frontend.simulate.printed_view import PRINTED_IMAGE_SIZE
 from graphslam.errors import BadConfig
 
 Row = tuple[float, float, float]
@@ -13,15 +15,17 @@ Matrix = tuple[Row, Row, Row]
 
 @dataclass(frozen=True, slots=True)
 class CameraSpec:
-    """The camera, by its homography or by what it sees of the floor.
+    """The camera, by its homography, by what it sees of the floor, or by a paper's print.
 
     Attributes:
         image_size: (width, height), pixels.
         rate: images per second.
-        homography: (3, 3) floor (robot frame, m) to undistorted pixel; or the three below.
+        homography: (3, 3) floor (robot frame, m) to undistorted pixel; or the others below.
         view_width: width of the floor in view half way between near and far, m.
         view_near: floor at the lower edge of the image, m ahead of the robot.
         view_far: floor at the upper edge of the image, m ahead of the robot.
+        printed: instead of all these "santana-loc", the view of the homography printed there, in
+            pixels of 640x480.
         matrix: (3, 3) camera matrix, pixels; only with distortion.
         distortion: OpenCV coefficients; only with homography and matrix.
         noise: standard deviation of a pixel, grey levels, default 3.
@@ -36,6 +40,7 @@ class CameraSpec:
     view_width: float | None = None
     view_near: float | None = None
     view_far: float | None = None
+    printed: Literal["santana-loc"] | None = None
     matrix: Matrix | None = None
     distortion: tuple[float, ...] | None = None
     noise: float = 3.0
@@ -49,14 +54,29 @@ class CameraSpec:
         between("jpeg_quality", self.jpeg_quality, 0, 100)
         if any(not 1 <= n <= 10_000 for n in self.image_size):
             raise BadConfig(f"image_size = {list(self.image_size)}: must be 1 to 10000 pixels")
+        self._check_view()
+
+    def _check_view(self) -> None:
+        """Raises BadConfig unless the view is given in exactly one way."""
         view = (self.view_width, self.view_near, self.view_far)
-        if self.homography is not None and any(v is not None for v in view):
-            raise BadConfig("give homography or view_width, view_near, view_far, not both")
-        if self.homography is None:
-            if any(v is None for v in view):
-                raise BadConfig("give homography, or all of view_width, view_near and view_far")
-            if self.matrix is not None or self.distortion is not None:
-                raise BadConfig("matrix and distortion need the homography they belong to")
+        ways = {
+            "printed": self.printed is not None,
+            "homography": self.homography is not None,
+            "view_width, view_near, view_far": any(v is not None for v in view),
+        }
+        given = [name for name, there in ways.items() if there]
+        if len(given) > 1:
+            raise BadConfig(f"give {' or '.join(given)}, not both")
+        if not given or (ways["view_width, view_near, view_far"] and None in view):
+            raise BadConfig("give homography, or all of view_width, view_near and view_far")
+        if self.printed is not None and self.image_size != PRINTED_IMAGE_SIZE:
+            width, height = PRINTED_IMAGE_SIZE
+            raise BadConfig(
+                f"image_size = {list(self.image_size)}: the printed view is in pixels of "
+                f"[{width}, {height}]; write that"
+            )
+        if self.homography is None and not (self.matrix is None and self.distortion is None):
+            raise BadConfig("matrix and distortion need the homography they belong to")
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from frontend.camera import Camera
+from frontend.simulate.printed_view import santana_loc_homography
 from frontend.simulate.sensors import CameraSpec
 from graphslam.errors import BadConfig
 from graphslam.geometry import Array
@@ -19,7 +20,9 @@ def camera_of(spec: CameraSpec) -> Camera:
     Raises:
         BadConfig: its homography or its view is none that a camera can have.
     """
-    if spec.homography is None:
+    if spec.printed is not None:
+        homography = santana_loc_homography()
+    elif spec.homography is None:
         view = (spec.view_width, spec.view_near, spec.view_far)
         homography = homography_of_view(spec.image_size, *view)
     else:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from frontend.simulate.mess import Layout, lay_out
 from frontend.simulate.scenario import Scenario
 from graphslam.geometry import Array, wrap
 
@@ -41,12 +42,14 @@ class World:
         stretch: (L, 2) where each begins and ends along itself, m; infinite where endless.
         texture: pattern of the surface.
         patches: pattern of light and shade.
+        mess: what lies on the floor beside the lines; None for nothing.
     """
 
     lines: Array
     stretch: Array
     texture: Tile
     patches: Tile
+    mess: Layout | None = None
 
 
 def build_world(scenario: Scenario, rng: np.random.Generator) -> World:
@@ -56,6 +59,7 @@ def build_world(scenario: Scenario, rng: np.random.Generator) -> World:
         floor_stretches(scenario),
         random_tile(scenario.surface.texture_scale, rng),
         random_tile(scenario.light.patch_scale, rng),
+        None if scenario.mess is None else lay_out(scenario.mess, rng),
     )
 
 

@@ -585,6 +585,8 @@ def test_shipped_scenarios_are_found_by_name() -> None:
         "one-direction",
         "periodic",
         "sample",
+        "santana-loc-1",
+        "santana-loc-2",
         "santana-slam",
     )
 

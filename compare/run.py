@@ -55,6 +55,13 @@ class RunResult:
     warnings: tuple[str, ...]
     failed: tuple[str, ...] = ()
 
+    def _repr_html_(self) -> str:
+        """Returns what a notebook shows; see `compare.show`."""
+        from compare.show import result_html
+
+        metrics = {} if self.comparison is None else self.comparison.to_dict()
+        return result_html(metrics, self.estimates)
+
 
 @dataclass(frozen=True, slots=True)
 class Outcome:

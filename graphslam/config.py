@@ -8,7 +8,7 @@ from typing import Literal, get_args
 
 from graphslam.errors import BadConfig
 
-Matching = Literal["gated", "nearest", "known"]
+Matching = Literal["gated", "nearest", "jcbb", "known"]
 Engine = Literal["gtsam", "chain"]
 Robust = Literal["none", "huber", "cauchy", "gnc"]
 ParticleStart = Literal["given", "anywhere"]
@@ -20,14 +20,18 @@ class MatchingConfig:
 
     method: Matching = "gated"
     """gated: smallest Mahalanobis distance, nearest pair first, one sighting per landmark and
-    node. nearest: the papers' nearest landmark within fixed thresholds. known: the log's true
-    identities, for judging only."""
+    node. nearest: the papers' nearest landmark within fixed thresholds. jcbb: the largest matching
+    of all sightings of a node that fits jointly. known: the log's true identities, for judging
+    only."""
     gate: float = 14.0
     """Squared Mahalanobis distance up to which a sighting of two dimensions matches (chi-square,
     99.9 %); other dimensions take the same probability."""
     gate_new: float = 80.0
     """Squared Mahalanobis distance from every landmark beyond which a sighting starts a new one;
     in between it is dropped and counted."""
+    gap_m: float = 20.0
+    """Distance along a landmark, from the stretch of it that was seen to what is seen now, at
+    which nothing is left of both gates, m; half of it leaves half of them."""
     nearest_distance_m: float = 0.15
     """Largest difference in length for `nearest`, in the frame of the sighting, m."""
     nearest_angle_deg: float = 10.0
@@ -42,6 +46,8 @@ class MatchingConfig:
                 f"ekf.matching.gate = {self.gate}, gate_new = {self.gate_new}: must be positive "
                 "and finite, gate_new not below gate"
             )
+        if not self.gap_m > 0:
+            raise BadConfig(f"ekf.matching.gap_m = {self.gap_m}: must be positive")
         if not 0 < self.nearest_distance_m < math.inf:
             raise BadConfig(
                 f"ekf.matching.nearest_distance_m = {self.nearest_distance_m}: must be positive"
@@ -60,13 +66,58 @@ class EkfConfig:
     matching: MatchingConfig = field(default_factory=MatchingConfig)
     extend_map: bool = False
     """With a known map: whether sightings of none of its landmarks start new ones."""
-    lost_after: int = 5
-    """Nodes in a row whose sightings were all rejected after which the filter says 'lost' and
-    doubles the standard deviations of its pose; 0 switches this off."""
+    confirm_after: int = 3
+    """Nodes that must have seen a landmark before it counts. One that is seen less often is
+    removed, and its sightings are rejected; 1 switches this off."""
+    lost_after: int = 3
+    """Nodes in a row that rejected most of their sightings after which the filter says 'lost' and
+    widens the covariance of its pose, ever more until it finds itself; 0 switches this off."""
 
     def __post_init__(self) -> None:
+        if self.confirm_after < 1:
+            raise BadConfig(f"ekf.confirm_after = {self.confirm_after}: must be 1 or more")
         if self.lost_after < 0:
             raise BadConfig(f"ekf.lost_after = {self.lost_after}: must be 0 or more")
+
+
+@dataclass(frozen=True, slots=True)
+class RematchConfig:
+    """Deciding all matches again after smoothing, until nothing changes."""
+
+    gate: float = 14.0
+    """Squared Mahalanobis distance, by the smoothed covariances, up to which a sighting of two
+    dimensions matches and two landmarks may be one; other dimensions take the same probability."""
+    gate_new: float = 80.0
+    """Squared Mahalanobis distance from every landmark beyond which sightings may start a new
+    one."""
+    gap_m: float = 2.0
+    """Gap between two stretches of a line, m, at which it is a quarter as likely that they are of
+    one line."""
+    min_sightings: int = 3
+    """Landmarks with fewer sightings are dropped."""
+    window_m: float = 6.0
+    """A landmark not seen for this long a way, m, counts as left behind: within it sightings are
+    matched one by one, across it only whole groups of lines are."""
+    submap_m: float = 12.0
+    """Length of path, m, whose lines make a local map for closing loops."""
+    rounds: int = 30
+    """Largest number of rounds."""
+
+    def __post_init__(self) -> None:
+        if not 0 < self.gate <= self.gate_new < math.inf:
+            raise BadConfig(
+                f"smoother.rematching.gate = {self.gate}, gate_new = {self.gate_new}: must be "
+                "positive and finite, gate_new not below gate"
+            )
+        for name in ("gap_m", "window_m", "submap_m"):
+            value = getattr(self, name)
+            if not 0 < value < math.inf:
+                raise BadConfig(f"smoother.rematching.{name} = {value}: must be positive")
+        for name in ("min_sightings", "rounds"):
+            if getattr(self, name) < 1:
+                raise BadConfig(
+                    f"smoother.rematching.{name} = {getattr(self, name)}: must be 1 or more"
+                )
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +136,11 @@ class SmootherConfig:
     (chi-square, 99.9 %); other dimensions take the same probability."""
     robust_odometry: bool = False
     """Whether the kernel acts on odometry's increments, too: for wheels that slip or are lifted."""
+    rematch: bool = False
+    """Whether all matches are decided again after smoothing: landmarks that are one are merged,
+    those that are two split, rejected sightings revived, loops closed, until nothing changes."""
+    rematching: RematchConfig = field(default_factory=RematchConfig)
+    """How matches are decided again."""
     max_iterations: int = 50
     """Largest number of linear solves."""
     tolerance: float = 1e-10
@@ -130,6 +186,8 @@ class ParticleConfig:
     """... and this close to its heading, degrees."""
     agree_share: float = 0.98
     """How much of the particles' weight 'nearly all' is."""
+    agree_nodes: int = 5
+    """Nodes in a row, with sightings, that they must agree for before the search ends."""
     lost_after: int = 10
     """Nodes in a row that show hardly a line where the particles expect one after which the search
     starts again over the whole region; 0 switches this off."""
@@ -150,9 +208,10 @@ class ParticleConfig:
                 f"particle.particles = {self.particles}, particles_searching = "
                 f"{self.particles_searching}: at least 10, and not fewer while searching"
             )
-        if self.seed < 0 or self.lost_after < 0:
+        if min(self.seed, self.lost_after) < 0 or self.agree_nodes < 1:
             raise BadConfig(
-                f"particle.seed = {self.seed}, lost_after = {self.lost_after}: must be 0 or more"
+                f"particle.seed = {self.seed}, lost_after = {self.lost_after}, agree_nodes = "
+                f"{self.agree_nodes}: must be 0 or more, agree_nodes 1 or more"
             )
         if not (0 < self.resample_below <= 1 and 0.5 < self.agree_share < 1):
             raise BadConfig(

@@ -98,10 +98,7 @@ class JointState:
         Source: SantanaSLAM eq. (3), with H at the predicted mean (eq. (6) prints the last mean).
         """
         count, d = innovation.shape
-        PHt = np.einsum("nj,kij->nki", self.P[:, :3], J_pose)
-        PHt += np.einsum("nkj,kij->nki", self.P[:, columns], J_landmark)
-        HPHt = np.einsum("kij,jlm->kilm", J_pose, PHt[:3])
-        HPHt += np.einsum("kij,kjlm->kilm", J_landmark, PHt[columns])
+        PHt, HPHt = self._project(J_pose, J_landmark, columns)
         each = np.arange(count)
         HPHt[each, :, each, :] += cov
         own = HPHt[each, :, each, :]
@@ -122,6 +119,31 @@ class JointState:
         self.P[:] -= W.T @ W
         return np.asarray(own)
 
+    def joint_innovation_covariance(
+        self, J_pose: Array, J_landmark: Array, columns: IntArray, cov: Array
+    ) -> Array:
+        """Returns the joint covariance (p d, p d) of the residuals of p pairs.
+
+        Args:
+            J_pose: (p, d, 3) Jacobians of the residuals.
+            J_landmark: (p, d, l) the same by each pair's landmark.
+            columns: (p, l) places of those landmarks in the state.
+            cov: (p, d, d) covariances of the sightings, taken as independent.
+        """
+        count, d = J_pose.shape[:2]
+        HPHt = self._project(J_pose, J_landmark, columns)[1]
+        each = np.arange(count)
+        HPHt[each, :, each, :] += cov
+        return np.asarray(HPHt.reshape(count * d, count * d))
+
+    def _project(self, J_pose: Array, J_landmark: Array, columns: IntArray) -> tuple[Array, Array]:
+        """Returns P H' (n, p, d) and H P H' (p, d, p, d) of p stacked predictions."""
+        PHt = np.einsum("nj,kij->nki", self.P[:, :3], J_pose)
+        PHt += np.einsum("nkj,kij->nki", self.P[:, columns], J_landmark)
+        HPHt = np.einsum("kij,jlm->kilm", J_pose, PHt[:3])
+        HPHt += np.einsum("kij,kjlm->kilm", J_landmark, PHt[columns])
+        return PHt, HPHt
+
     def add(self, landmark: Array, J_pose: Array, noise: Array) -> int:
         """Adds a landmark with all its correlations; returns its place in the state.
 
@@ -140,10 +162,17 @@ class JointState:
         self.P[old:, old:] = J_pose @ self.P[:3, :3] @ J_pose.T + noise
         return old
 
-    def inflate_pose(self, factor: float) -> None:
-        """Multiplies the standard deviations of the pose, correlations kept."""
-        self.P[:3] *= factor
-        self.P[:, :3] *= factor
+    def remove(self, first: int, length: int) -> None:
+        """Takes ``length`` entries out of the state from place ``first`` on; the rest moves up."""
+        last, size = first + length, self.size
+        self._mean[first : size - length] = self._mean[last:size].copy()
+        self._P[first : size - length] = self._P[last:size].copy()
+        self._P[:, first : size - length] = self._P[:, last:size].copy()
+        self.size = size - length
+
+    def add_pose_noise(self, Q: Array) -> None:
+        """Adds noise of covariance Q (3, 3), independent of everything, to the pose."""
+        self.P[:3, :3] += Q
 
     def _grow(self, size: int) -> None:
         if size > len(self._mean):

@@ -92,21 +92,38 @@ def finish_map(
         cov_joint: (3 + L, 3 + L) covariance of last pose and ``params``, floor frame.
     """
     count, known = len(kinds), measurements.known
-    extent, names = np.full((count, 2), np.nan), np.arange(count)
+    names = np.arange(count)
     if known is not None and len(known):
-        extent[: len(known)] = known.extent
         names = np.concatenate([known.id, 1 + known.id.max() + names[: count - len(known)]])
-    for used in used_sightings(measurements, match, params):
-        if used.model.dim_landmark:
-            table, rows = used.table, used.rows
-            stretch = used.model.extent_on_landmark(
-                pose[table.node[rows]], used.params, table.z[rows], table.extent[rows]
-            )
-            np.fmin.at(extent[:, 0], used.landmark, stretch[:, 0])
-            np.fmax.at(extent[:, 1], used.landmark, stretch[:, 1])
+    extent = stretches_seen(measurements, pose, params, match)
     sightings = np.bincount(match[match >= 0], minlength=count)
     draft = LandmarkMap(names, tuple(kinds), params, extent, sightings)
     return _canonical(draft, cov_joint)
+
+
+def stretches_seen(
+    measurements: Measurements, pose: Array, params: Array, match: IntArray
+) -> Array:
+    """Returns the stretch (M, 2) of each landmark that was seen or is known, m; NaN where neither.
+
+    Args:
+        measurements: the sightings, and the known landmarks with their extents.
+        pose: (N, 3) path from which the sightings' stretches are laid on the landmarks.
+        params: (M, l) landmarks, padded with NaN.
+        match: (K,) landmark of each sighting, -1 where it has none.
+    """
+    extent, known = np.full((len(params), 2), np.nan), measurements.known
+    if known is not None:
+        extent[: len(known)] = known.extent
+    for used in used_sightings(measurements, match, params):
+        if used.model.dim_landmark:
+            table, rows = used.table, used.rows
+            seen = used.model.extent_on_landmark(
+                pose[table.node[rows]], used.params, table.z[rows], table.extent[rows]
+            )
+            np.fmin.at(extent[:, 0], used.landmark, seen[:, 0])
+            np.fmax.at(extent[:, 1], used.landmark, seen[:, 1])
+    return extent
 
 
 def _canonical(draft: LandmarkMap, cov_joint: Array) -> tuple[LandmarkMap, Array]:

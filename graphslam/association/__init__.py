@@ -2,6 +2,26 @@
 
 from __future__ import annotations
 
-from graphslam.association.nearest import DROPPED, NEW, mahalanobis, match
+from graphslam.association.assignment import DROPPED, NEW, assign, by_identity, leftover
+from graphslam.association.distances import (
+    Compatibility,
+    compatibility,
+    gate_for,
+    mahalanobis,
+    stretch_gap,
+)
+from graphslam.association.joint import jcbb
 
-__all__ = ["DROPPED", "NEW", "mahalanobis", "match"]
+__all__ = [
+    "DROPPED",
+    "NEW",
+    "Compatibility",
+    "assign",
+    "by_identity",
+    "compatibility",
+    "gate_for",
+    "jcbb",
+    "leftover",
+    "mahalanobis",
+    "stretch_gap",
+]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from graphslam.geometry import Array
 
@@ -65,5 +65,19 @@ class Model(Protocol):
             landmark: (K, l) floor frame.
             z: (K, d) sightings.
             extent: (K, 2) stretch seen, in the sighting's own coordinate, m.
+        """
+        ...
+
+
+@runtime_checkable
+class Stretched(Protocol):
+    """What a model has besides where its landmarks are stretched out over the floor."""
+
+    def ends(self, line: Array, extent: Array) -> Array:
+        """Returns both ends (..., 2, 2), m, of stretches of landmarks, or of sightings.
+
+        Args:
+            line: (..., l) parameters in some frame.
+            extent: (..., 2) stretches along them, m; the ends are NaN where it is unknown.
         """
         ...

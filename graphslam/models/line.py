@@ -85,6 +85,10 @@ class LineModel:
         line = np.where(keep[:, None], line, geometry.twin(line))
         return line, np.where(keep[:, None], extent, -extent[:, ::-1]), J
 
+    def ends(self, line: Array, extent: Array) -> Array:
+        """Returns both ends (..., 2, 2) of stretches (..., 2) of lines (..., 2)."""
+        return geometry.points_on_line(line[..., None, :], extent)
+
     def extent_on_landmark(self, pose: Array, landmark: Array, z: Array, extent: Array) -> Array:
         """Returns both ends of the seen stretch, projected on the landmark."""
         ends = geometry.points_on_line(z[:, None, :], extent)

@@ -91,7 +91,7 @@ def test_dead_reckoning_errors_are_as_large_as_it_says() -> None:
 
 def test_a_new_line_carries_the_poses_uncertainty_and_its_correlation() -> None:
     measurements, _ = drive(1, 1, start_sigma=0.1)
-    estimate = run_ekf(measurements)
+    estimate = run_ekf(measurements, EkfConfig(confirm_after=1))
     table, P, count = measurements.sightings["line"], 0.01 * np.eye(3), len(estimate.map)
     assert count >= 2
     J_pose, J_z = np.zeros((2 * count, 3)), np.zeros((2 * count, 2 * count))
@@ -136,9 +136,9 @@ def test_being_rejected_throughout_is_called_lost_and_widens_the_covariance() ->
     shifted = replace(measurements, sightings={"line": replace(table, z=z)})
     config = EkfConfig(MatchingConfig(gate_new=1e9))
     estimate = run_ekf(shifted, config)
-    assert estimate.counts["lost: every sighting rejected for several nodes"] >= 1
+    assert estimate.counts["lost: most sightings rejected for several nodes"] >= 1
     still = run_ekf(shifted, replace(config, lost_after=0))
-    assert "lost: every sighting rejected for several nodes" not in still.counts
+    assert "lost: most sightings rejected for several nodes" not in still.counts
 
 
 def test_an_estimate_of_other_measurements_is_refused_as_linearisation() -> None:
@@ -166,7 +166,9 @@ def test_sightings_that_are_left_out_are_counted_by_reason() -> None:
     assert known.counts == {"sighting without a true landmark": int(np.sum(truth < 0))}
     assert np.all(known.used == (truth >= 0))
     narrow = run_ekf(measurements, EkfConfig(MatchingConfig(gate=0.5)))
-    assert narrow.counts["sighting between the gates"] == np.sum(~narrow.used)
+    assert narrow.counts["sighting between the gates"] > 0
+    reasons = [name for name in narrow.counts if "sighting" in name and "lost:" not in name]
+    assert sum(narrow.counts[name] for name in reasons) == np.sum(~narrow.used)
 
 
 def test_known_matching_is_never_lost_among_sightings_without_a_true_landmark() -> None:
@@ -229,5 +231,5 @@ def test_the_filter_remembers_what_it_knew_of_each_landmark_and_when() -> None:
 
 
 def test_a_history_too_large_to_keep_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("graphslam.ekf.LARGEST_HISTORY", 100)
+    monkeypatch.setattr("graphslam.ekf_result.LARGEST_HISTORY", 100)
     assert run_ekf(drive(1, 40)[0]).map_variance is None

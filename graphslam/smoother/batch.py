@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 
 import numpy as np
@@ -30,7 +31,8 @@ def smooth(
 
     Args:
         measurements: the same as the filter's.
-        initial: the filter's estimate: the start of the optimisation, and the matches.
+        initial: the filter's estimate: the start of the optimisation, and the matches; where the
+            configuration says so, they are decided again (see `graphslam.rematch`).
         config: tolerance and largest number of iterations.
         linearise_at: where given, one linear solve at this path and map instead of an optimisation;
             it must have the numbering of ``initial``'s map.
@@ -45,6 +47,21 @@ def smooth(
 
         return finish(problem, solve_linear(problem))
     config = config or SmootherConfig()
+    if not config.rematch:
+        return solve(problem, config)
+    from graphslam.rematch import rematch  # it imports this module
+
+    found, counts = rematch(problem, config)
+    estimate = solve(found, config)
+    return replace(estimate, counts={**estimate.counts, **counts})
+
+
+def solve(problem: Problem, config: SmootherConfig) -> Estimate:
+    """Returns the minimum under the configured kernel as an estimate.
+
+    Raises:
+        UnderConstrained: the measurements do not determine every pose and landmark.
+    """
     if config.robust == "none":
         return finish(problem, minimise(problem, config))
     return finish(*minimise_robustly(problem, config, minimise))

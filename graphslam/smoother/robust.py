@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from graphslam.association.nearest import gate_for
+from graphslam.association import gate_for
 from graphslam.config import SmootherConfig
 from graphslam.geometry import Array
 from graphslam.landmarks import known_count

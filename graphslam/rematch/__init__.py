@@ -1,0 +1,7 @@
+"""Deciding again, after smoothing, which landmark every sighting belongs to."""
+
+from __future__ import annotations
+
+from graphslam.rematch.rematch import Rematched, objective, settle
+
+__all__ = ["Rematched", "objective", "settle"]

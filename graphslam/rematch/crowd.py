@@ -1,0 +1,45 @@
+"""Where a match is worth nothing, because something would fit by chance."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from graphslam.association import gate_for
+from graphslam.config import RematchConfig
+from graphslam.geometry import Array
+from graphslam.models import Model
+from graphslam.rematch.fitted import Fitted
+
+def by_chance(fitted: Fitted, model: Model, S: Array, config: RematchConfig) -> Array:
+    """Returns how many landmarks (...) would lie within a gate by chance.
+
+    A distance says how well two things fit, not how little else would: after a long stretch without
+    a landmark seen twice everything fits something. There only groups of lines tell places apart.
+
+    Args:
+        fitted: its map says how dense landmarks are.
+        model: of the kind of landmark.
+        S: (..., d, d) covariances of residuals.
+        config: the gate.
+    """
+    d = S.shape[-1]
+    root = np.sqrt(np.maximum(np.linalg.det(S), 0.0))
+    ball = math.pi ** (d / 2.0) / math.gamma(d / 2.0 + 1.0)
+    volume = ball * gate_for(config.gate, d) ** (d / 2.0) * root
+    return np.asarray(_density(fitted, model) * volume)
+
+
+def _density(fitted: Fitted, model: Model) -> float:
+    """Returns how many landmarks of a kind there are for each unit of the residual's space.
+
+    As if they were spread evenly over what is seen of them from the middle of the path.
+    """
+    landmarks = fitted.of_kind(model.kind)
+    params = fitted.problem.params[landmarks, : model.dim_landmark]
+    middle = np.array([*fitted.problem.pose[:, :2].mean(axis=0), 0.0])
+    zero = np.zeros((len(landmarks), model.dim_z))
+    e, _, _ = model.residual(np.broadcast_to(middle, (len(landmarks), 3)), params, zero)
+    width = math.sqrt(12.0) * e.std(axis=0) + 1e-9
+    return len(landmarks) / float(np.prod(width))

@@ -1,0 +1,169 @@
+"""Second thoughts: optimise, decide every match again, and so on until nothing changes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from graphslam.config import RematchConfig, SmootherConfig
+from graphslam.measurements import IntArray
+from graphslam.rematch.decide import decide
+from graphslam.rematch.fitted import UNMATCHED, Fitted, of_landmark_kinds, renumbered
+from graphslam.rematch.found import start_landmarks
+from graphslam.rematch.merge import TWO, merges
+from graphslam.rematch.slips import shifted, shifts
+from graphslam.smoother.problem import Minimum, Problem
+from graphslam.smoother.robust import minimise_robustly
+
+Minimise = Callable[[Problem, SmootherConfig], Minimum]
+
+MERGED = "landmarks merged with another by rematching"
+STARTED = "landmarks started by rematching"
+DROPPED = "landmarks dropped for too few sightings by rematching"
+REVIVED = "rejected sightings revived by rematching"
+REJECTED = "sightings rejected by rematching"
+SHIFTED = "stretches of the path shifted by rematching"
+MOVED = "sightings moved to another landmark by rematching"
+
+LEAST_PROMISE = 0.0
+"""Gain, in units of the cost, that odometry must promise of a shift for it to be tried."""
+LEAST_GAIN = 0.5
+"""By how much a shift must lower the objective to be kept."""
+MOST_SHIFTS = 16
+"""Shifts that are tried before the search ends."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rematched:
+    """Where deciding again has ended.
+
+    Attributes:
+        fitted: the matches that last, at their minimum.
+        objective: what was lowered; see `objective`.
+        settled: whether nothing changed any more, within the rounds allowed.
+        counts: what was changed, by name.
+    """
+
+    fitted: Fitted
+    objective: float
+    settled: bool
+    counts: dict[str, int]
+
+
+def objective(fitted: Fitted, config: RematchConfig) -> float:
+    """Returns the penalised cost that all decisions lower.
+
+    The cost of the minimum, half the gate for each sighting left out, and half of `merge.TWO` gates
+    for each landmark: a sighting is worth matching, and two landmarks worth merging, exactly while
+    it costs less than their gates allow.
+    """
+    problem = fitted.problem
+    out = of_landmark_kinds(problem) & (problem.match == UNMATCHED)
+    price = float(out.sum()) + TWO * float(np.sum(~problem.fixed))
+    return fitted.minimum.cost + 0.5 * config.gate * price
+
+
+def settle(problem: Problem, config: SmootherConfig, minimise: Minimise) -> Rematched:
+    """Returns what deciding again makes of a problem's matches.
+
+    The first minimum is found robustly, whatever kernel is configured: wrong matches must not bend
+    the map by which they are judged.
+
+    Raises:
+        UnderConstrained: the measurements do not determine every pose and landmark.
+    """
+    rules, first = config.rematching, problem.match
+    kernel = config if config.robust != "none" else replace(config, robust="gnc")
+    problem, _ = minimise_robustly(problem, kernel, minimise)
+    problem = renumbered(problem, np.where(problem.weight > 0.5, problem.match, UNMATCHED))
+    best = _rounds(problem, config, minimise, rules.rounds)
+    for _ in range(rules.rounds):
+        better = _unslipped(best, config, minimise)
+        if better is None:
+            break
+        best = better
+    counts = Counter(best.counts) + _compared(first, best.fitted.problem.match)
+    return replace(best, counts=dict(sorted(counts.items())))
+
+
+def _rounds(problem: Problem, config: SmootherConfig, minimise: Minimise, rounds: int) -> Rematched:
+    """Returns the best of what deciding again, round after round, comes by."""
+    rules = config.rematching
+    fitted = Fitted.of(problem, minimise(problem, config))
+    counts: Counter[str] = Counter()
+    best, settled, seen = fitted, False, set()
+    for _ in range(rounds):
+        changed, done = _one_round(fitted, rules)
+        name = changed.match.tobytes()
+        if not done or name in seen:
+            settled = True
+            break
+        seen.add(name)
+        counts += done
+        fitted = Fitted.of(changed, minimise(changed, config))
+        if objective(fitted, rules) <= objective(best, rules):
+            best = fitted
+    return Rematched(best, objective(best, rules), settled, dict(counts))
+
+
+def _unslipped(best: Rematched, config: SmootherConfig, minimise: Minimise) -> Rematched | None:
+    """Returns the matches after the first shift of the path that lowers the objective, or None."""
+    rules = config.rematching
+    for shift in shifts(best.fitted, LEAST_PROMISE, MOST_SHIFTS):
+        problem = shifted(best.fitted, shift, rules)
+        tried = _rounds(renumbered(problem, problem.match), config, minimise, rules.rounds)
+        if tried.objective < best.objective - LEAST_GAIN:
+            counts = Counter(best.counts) + Counter(tried.counts) + Counter({SHIFTED: 1})
+            return replace(tried, counts=dict(counts))
+    return None
+
+
+def _one_round(fitted: Fitted, rules: RematchConfig) -> tuple[Problem, Counter[str]]:
+    """Returns the problem with the matches decided again, and what was done."""
+    done: Counter[str] = Counter()
+    problem = fitted.problem
+    decision = decide(fitted, rules)
+    match = _merged(decision.match, merges(fitted, rules), done)
+    match = _without_small(match, problem, rules.min_sightings, done)
+    alone = np.flatnonzero(decision.alone & (match == UNMATCHED))
+    before = len(problem.kinds)
+    problem = start_landmarks(replace(problem, match=match), alone, rules)
+    done[STARTED] += len(problem.kinds) - before
+    changed = bool(np.any(problem.match != fitted.problem.match))
+    done += Counter()  # drops what was not done
+    if changed and not done:
+        done["rounds of moved sightings"] += 1
+    return renumbered(problem, problem.match), done
+
+
+def _merged(match: IntArray, pairs: IntArray, done: Counter[str]) -> IntArray:
+    for a, b in pairs:
+        keep, other = min(a, b), max(a, b)  # known landmarks come first
+        match = np.where(match == other, keep, match)
+    done[MERGED] += len(pairs)
+    return match
+
+
+def _without_small(match: IntArray, problem: Problem, fewest: int, done: Counter[str]) -> IntArray:
+    count = np.bincount(match[match >= 0], minlength=len(problem.kinds))
+    small = (count < fewest) & ~problem.fixed
+    done[DROPPED] += int(np.sum(small & (count > 0)))
+    return np.where((match >= 0) & small[match], UNMATCHED, match)
+
+
+def _compared(before: IntArray, after: IntArray) -> Counter[str]:
+    """Returns how many sightings were revived, rejected and moved to other landmarks."""
+    out: Counter[str] = Counter()
+    out[REVIVED] = int(np.sum((before < 0) & (after >= 0)))
+    out[REJECTED] = int(np.sum((before >= 0) & (after < 0)))
+    both = (before >= 0) & (after >= 0)
+    heir: dict[int, int] = {}
+    for landmark in np.unique(before[both]).tolist():
+        heirs = np.bincount(after[both & (before == landmark)])
+        heir[landmark] = int(np.argmax(heirs))
+    moved = [heir[b] != a for b, a in zip(before[both].tolist(), after[both].tolist(), strict=True)]
+    out[MOVED] = int(np.sum(moved))
+    return +out

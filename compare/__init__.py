@@ -11,6 +11,14 @@ from typing import Any
 _HOME = {
     "Comparison": "compare.comparison",
     "compare": "compare.comparison",
+    "compare_maps": "compare.two_maps",
+    "export": "compare.interchange.export",
+    "load_result": "compare.record",
+    "merge_maps": "compare.merge",
+    "read_g2o": "compare.interchange.g2o_read",
+    "read_map": "compare.map_files",
+    "read_map_file": "compare.map_files",
+    "read_tum": "compare.interchange.tum",
     "run_log": "compare.run",
 }
 

@@ -20,10 +20,14 @@ from tyro.constructors import (
     StructTypeInfo,
 )
 
+from compare.commands.batch import Batch
 from compare.commands.calibrate import Calibrate
 from compare.commands.common import DONE, FAILED, INTERRUPTED, complain
+from compare.commands.compare import Compare
 from compare.commands.config import Config
+from compare.commands.export import Export
 from compare.commands.inspect import Inspect
+from compare.commands.merge import Merge
 from compare.commands.report import Report
 from compare.commands.run import Extract, Run
 from compare.commands.simulate import Simulate
@@ -91,14 +95,19 @@ def parse(arguments: Sequence[str]) -> Command:
     run = Run(logs=missing, settings=settings)
     extract = Extract(log=missing, out=missing, extract=settings.extract)
     study = Study(scenario=missing, out=missing, settings=settings)
+    batch = Batch(logs=missing, out=missing, settings=settings)
     commands = (
         Annotated[Run, subcommand("run", default=run)]
         | Annotated[Extract, subcommand("extract", default=extract)]
+        | Annotated[Batch, subcommand("batch", default=batch)]
         | Annotated[Simulate, subcommand("simulate")]
         | Annotated[Study, subcommand("study", default=study)]
         | Annotated[Inspect, subcommand("inspect")]
         | Annotated[Calibrate, subcommand("calibrate")]
+        | Annotated[Compare, subcommand("compare")]
+        | Annotated[Merge, subcommand("merge")]
         | Annotated[Report, subcommand("report")]
+        | Annotated[Export, subcommand("export")]
         | Annotated[Config, subcommand("config")]
     )
     registry = ConstructorRegistry()

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import base64
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup, escape
-
 from compare import report_tables as tables
+from compare.pages import method_entry, source, template
 from compare.plots import draw
-from compare.plots_style import method_colour, themed
 from compare.record import Record
 from compare.report_quality import lines_per_node, most_seen_line, within_limits, worst_residuals
 from compare.report_replay import REPLAY_NOTE, replay_json
@@ -25,7 +20,6 @@ from compare.results import write_csv
 from graphslam.errors import BadConfig
 
 SCRIPTS = ("pages.js", "replay.js")
-KINDS = {"odometry": "wheels alone", "ekf": "filter, causal", "smoother": "whole run at once"}
 MARK = '<meta name="generator" content="graphslam">'
 
 
@@ -61,15 +55,15 @@ def write_report(record: Record, folder: Path) -> None:
     landmarks, matching = tables.landmarks(record), tables.matching(record.metrics)
     for table in (landmarks, matching):
         if table is not None:
-            table["methods"] = [_method(name) for name in table["methods"]]
-    script = "\n".join(_source(name) for name in SCRIPTS)
-    html = _template("report.html").render(
+            table["methods"] = [method_entry(name) for name in table["methods"]]
+    script = "\n".join(source(name) for name in SCRIPTS)
+    html = template("report.html").render(
         name=record.info["log"]["name"],
         digest=record.info["log"]["digest"],
         version=record.info["versions"]["floorline-slam"],
         facts=tables.facts(record),
         verdict=record.metrics["verdict"],
-        methods=[_method(name) for name in record.estimates],
+        methods=[method_entry(name) for name in record.estimates],
         summary=summary(record.metrics),
         landmarks=landmarks,
         matching=matching,
@@ -78,7 +72,7 @@ def write_report(record: Record, folder: Path) -> None:
         rejected=tables.rejected(record),
         timings=tables.timings(record.timings),
         plots=plots,
-        known={name: _method(name) for name in record.estimates},
+        known={name: method_entry(name) for name in record.estimates},
         has_truth=record.has_true_pose or len(record.true_lines) > 0,
         frames=record.frames is not None,
         within=within_limits(record),
@@ -126,7 +120,7 @@ def write_index(folder: Path, entries: Sequence[IndexEntry]) -> Path:
     ]
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "index.html"
-    _write(path, _template("index.html").render(rows=rows, columns=columns))
+    _write(path, template("index.html").render(rows=rows, columns=columns))
     return path
 
 
@@ -135,7 +129,11 @@ def _index_columns(entries: Sequence[IndexEntry]) -> list[dict[str, Any]]:
     names = dict.fromkeys(name for entry in entries for name in entry.metrics.get("methods", {}))
     figures = (("path", "trajectory", "aligned_rmse_m"), ("map", "map", "rho_rmse_m"))
     return [
-        {"method": _method(name), "title": title, "cells": [_mm(e, name, *keys) for e in entries]}
+        {
+            "method": method_entry(name),
+            "title": title,
+            "cells": [_mm(e, name, *keys) for e in entries],
+        }
         for name in names
         for title, *keys in figures
     ]
@@ -153,33 +151,6 @@ def _unobserved(record: Record) -> list[str]:
         if figures["sightings_used"]
         for direction in figures["unobserved"]
     ]
-
-
-def _method(name: str) -> dict[str, str]:
-    return {"name": name, "colour": themed(method_colour(name)), "kind": KINDS.get(name, "")}
-
-
-def _source(name: str) -> str:
-    """Returns a file of the templates' folder as it is."""
-    return (resources.files("compare") / "templates" / name).read_text(encoding="utf-8")
-
-
-def _template(name: str) -> Any:
-    environment = Environment(
-        loader=PackageLoader("compare"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters["code"] = _code
-    return environment.get_template(name)
-
-
-def _code(text: str) -> Markup:
-    """Returns escaped text whose parts between back-ticks are set as code."""
-    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
 
 
 def _write(path: Path, text: str) -> None:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from compare.batch_job import has_report
 from compare.batch_table import BATCH_FIGURES, COMPARED, Duel, Row
+from compare.pages import method_entry, source, template
 from compare.plots_batch import box_plots
-from compare.report import _method, _source, _template
 from compare.report_tables import DASH, number
 from compare.study import Figure, Summary
 
@@ -33,13 +33,13 @@ CERTAIN = 0.05
 
 def batch_page(batch: Batch) -> str:
     """Returns batch.html; equal batches give equal text."""
-    script = _source("pages.js")
+    script = source("pages.js")
     return str(
-        _template("batch.html").render(
+        template("batch.html").render(
             title=_title(batch),
             facts=_facts(batch),
             sentences=verdict(batch),
-            methods=[_method(name) for name in batch.methods],
+            methods=[method_entry(name) for name in batch.methods],
             sweep=[point.label for point in batch.points] if batch.points[0].values else [],
             summary=_summary(batch),
             plot=box_plots(batch),

@@ -22,6 +22,7 @@ from compare.results import RUN_FORMAT, check_replaceable, whole_folder, write_j
 from compare.truth import truth_of
 from frontend.extract import extract, extraction_warnings
 from frontend.log import Log, open_log
+from frontend.overlay_frames import write_overlays
 from graphslam.estimate import Estimate
 from graphslam.measurements import Measurements
 
@@ -136,6 +137,7 @@ def extract_log(
     out: Path | str,
     config: RunConfig | None = None,
     progress: Progress | None = None,
+    overlay: Path | str | None = None,
 ) -> RunResult:
     """Turns a log into measurements: run.json, measurements.npz and sightings.csv, as `run_log`.
 
@@ -144,11 +146,13 @@ def extract_log(
         out: the folder; that of an earlier run is replaced, any other is refused.
         config: its ``extract`` part counts; None for the defaults.
         progress: told about each image.
+        overlay: folder for a picture of each image with the lines seen in it, see
+            `frontend.overlay_frames`; None for none.
 
     Raises:
         BadLog: the log cannot be used.
-        BadConfig: the folder or the configuration cannot be used.
-        OSError: the folder cannot be written.
+        BadConfig: a folder or the configuration cannot be used.
+        OSError: a folder cannot be written.
     """
     log, config, out = open_log(path), config or RunConfig(), Path(out)
     check_replaceable(out)
@@ -157,6 +161,10 @@ def extract_log(
     info = _info(log, measurements, config, {})
     with whole_folder(out) as folder:
         Record(info, measurements, {}, {}, truth_of(log, measurements), {}).save(folder)
+    if overlay is not None:
+        tell = clock.inside("overlay")
+        with writing(Path(overlay)):
+            clock("overlay", lambda: write_overlays(log, measurements, Path(overlay), tell))
     return RunResult(out, log, measurements, {}, None, tuple(info["warnings"]))
 
 

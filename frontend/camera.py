@@ -11,7 +11,10 @@ from graphslam.errors import BadConfig
 from graphslam.geometry import Array, points_on_line
 
 LOOKS_AT = ("floor", "overhead", "ceiling", "omni")
+LENSES = ("plain", "fisheye")
 DISTORTION_LENGTHS = (4, 5, 8, 12, 14)
+
+LOST_PX = 1e5  # OpenCV's answer for directions that no undistorted pixel shows is beyond this
 
 # Floor beyond this many times the depth of the nearest floor in the image does not count as seen:
 # next to a horizon one pixel covers metres.
@@ -32,7 +35,8 @@ class Camera:
         homography: (3, 3) floor (robot frame, m) -> undistorted pixel (u, v), scaled so that its
             third row is positive for points in front of the camera.
         matrix: (3, 3) camera matrix, pixels, or None; it also makes the undistorted pixels.
-        distortion: (n,) OpenCV coefficients k1 k2 p1 p2 [k3 ...], or None.
+        distortion: (n,) OpenCV coefficients k1 k2 p1 p2 [k3 ...] (fisheye: k1 k2 k3 k4), or None.
+        lens: which of OpenCV's models ``distortion`` belongs to, "plain" or "fisheye".
 
     Raises:
         BadConfig: a value cannot be used; the message names it and the cure.
@@ -44,10 +48,13 @@ class Camera:
     homography: Array
     matrix: Array | None = None
     distortion: Array | None = None
+    lens: str = "plain"
 
     def __post_init__(self) -> None:
         if self.looks_at not in LOOKS_AT:
             raise self._bad(f"looks_at = {self.looks_at!r}: must be one of {', '.join(LOOKS_AT)}")
+        if self.lens not in LENSES:
+            raise self._bad(f"lens = {self.lens!r}: must be one of {', '.join(LENSES)}")
         size = tuple(self.image_size)
         if len(size) != 2 or any(n != int(n) or n <= 0 for n in size):
             raise self._bad(f"image_size = {size}: give [width, height] in pixels, both positive")
@@ -61,6 +68,11 @@ class Camera:
             if self.matrix is None:
                 raise self._bad("distortion needs the camera matrix it belongs to; give matrix too")
             self._set_array("distortion", (None,))
+            if self.lens == "fisheye" and len(self.distortion) != 4:
+                raise self._bad(
+                    f"distortion has {len(self.distortion)} coefficients; OpenCV's fisheye model "
+                    "takes 4 (k1 k2 k3 k4)"
+                )
             if len(self.distortion) not in DISTORTION_LENGTHS:
                 raise self._bad(
                     f"distortion has {len(self.distortion)} coefficients; OpenCV's model takes "
@@ -141,17 +153,45 @@ class Camera:
         return np.where(np.isnan(size), np.inf, size)
 
     def undistort(self, points: Array) -> Array:
-        """Returns undistorted pixels (..., 2) of raw ones; unchanged without lens distortion."""
+        """Returns undistorted pixels (..., 2) of raw ones; unchanged without lens distortion.
+
+        NaN where a fisheye looks sideways or backwards.
+        """
         points = np.asarray(points, float)
         if self.distortion is None or points.size == 0:
             return points.copy()
         import cv2
 
         stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-10)
-        ideal: Any = cv2.undistortPoints(
-            points.reshape(-1, 1, 2), self.matrix, self.distortion, P=self.matrix, criteria=stop
-        )
+        rows = points.reshape(-1, 1, 2)
+        ideal: Any
+        if self.lens == "fisheye":
+            ideal = cv2.fisheye.undistortPoints(
+                rows, self.matrix, self.distortion, P=self.matrix, criteria=stop
+            )
+            ideal = np.where(np.abs(ideal) < LOST_PX, ideal, np.nan)
+        else:
+            ideal = cv2.undistortPoints(
+                rows, self.matrix, self.distortion, P=self.matrix, criteria=stop
+            )
         return np.asarray(ideal, float).reshape(points.shape)
+
+    def distort(self, points: Array) -> Array:
+        """Returns raw pixels (..., 2) of undistorted ones: the inverse of `undistort`."""
+        points = np.asarray(points, float)
+        if self.distortion is None or points.size == 0:
+            return points.copy()
+        import cv2
+
+        assert self.matrix is not None, "checked on entry"
+        normal = _project(np.linalg.inv(self.matrix), points).reshape(-1, 1, 2)
+        if self.lens == "fisheye":
+            raw: Any = cv2.fisheye.distortPoints(normal, self.matrix, self.distortion)
+        else:
+            rays = np.concatenate([normal, np.ones((len(normal), 1, 1))], axis=2)
+            none = np.zeros(3)
+            raw, _ = cv2.projectPoints(rays, none, none, self.matrix, self.distortion)
+        return np.asarray(raw, float).reshape(points.shape)
 
     def view(self) -> Array:
         """Returns (V, 2) the convex polygon on the floor that the image shows, counter-clockwise.
@@ -163,7 +203,8 @@ class Camera:
         width, height = self.image_size
         corners = np.array([[0, 0], [width, 0], [width, height], [0, height]]) - 0.5
         if self.distortion is not None:
-            corners = _convex_hull(self.undistort(_along_border(corners)))
+            border = self.undistort(_along_border(corners))
+            corners = _convex_hull(border[np.isfinite(border).all(axis=1)])
         inverse = np.linalg.inv(self.homography)
         closeness = corners @ inverse[2, :2] + inverse[2, 2]  # 1 / depth
         visible = _clip(corners, closeness - closeness.max() / FARTHEST_VIEW)

@@ -4,25 +4,62 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from graphslam.errors import BadConfig
 
+Method = Literal["lsd", "hough-p", "hough"]
 Polarity = Literal["dark", "bright", "both"]
+SigmaLaw = Literal["measured", "paper"]
+Binarise = Literal["canny", "global"]
+Rectangle = tuple[float, float, float, float]
+
+CHOICES: dict[str, tuple[str, ...]] = {
+    "method": get_args(Method),
+    "polarity": get_args(Polarity),
+    "sigma_law": get_args(SigmaLaw),
+    "binarise": get_args(Binarise),
+}
+MAY_BE_ZERO = ("sigma_rho_b_m", "edge_min_grey", "calibration_px", "straightness_m", "binary_grey")
 
 
 @dataclass(frozen=True, slots=True)
 class DetectorConfig:
-    """The line detector: edges, Hough transform, pairing of a groove's two edges, noise."""
+    """The line detector: edges, pairing of a line's two edges, fit, noise."""
 
+    method: Method = "lsd"
+    """Detector. lsd: line segments (a-contrario), paired, joined, measured in profiles. hough-p:
+    the same from the probabilistic Hough transform. hough: the papers' Hough transform, refined.
+    docs/detectors.md says when to use which."""
+    sigma_law: SigmaLaw = "measured"
+    """Noise of a line. measured: from its own fit, with correlation. paper: SantanaLoc eq. (22)."""
     polarity: Polarity = "both"
     """Lines to look for: dark (grooves), bright (painted), or both."""
     line_width_m: tuple[float, float] = (0.002, 0.025)
     """Narrowest and widest distance on the floor between the two edges of one line, m."""
     pair_angle_deg: float = 5.0
     """Largest angle on the floor between the two edges of one line, degrees."""
-    min_length_m: float = 0.08
+    min_length_m: float = 0.12
     """Shortest stretch of a line that counts, m on the floor."""
+    max_break_m: float = 0.3
+    """Longest break in a line (a crossing, a stain) over which lsd and hough-p join it, m."""
+    min_quality: float = 0.5
+    """Smallest quality of a line, 0 to 1 (lsd and hough-p): the share of its stretch where both its
+    edges are seen, less where they waver and where the line is short."""
+    coarsest_pixel_m: float = 0.03
+    """Pixels that cover more floor than this are ignored (near the horizon), m."""
+    ignore_px: tuple[Rectangle, ...] = ()
+    """Rectangles of the image that show the robot itself, each u, v of one corner and u, v of the
+    opposite one, pixels of the recorded image (lsd and hough-p)."""
+    vaguest_alpha_deg: float = 0.5
+    """Lines are left out whose own fit leaves their direction more uncertain than this (one
+    standard deviation), degrees."""
+    calibration_px: float = 0.1
+    """Standard deviation of the calibration: how far off, in undistorted pixels along u and along
+    v, homography and lens put each corner of the image; a floor of the measured noise."""
+    straightness_m: float = 0.0003
+    """Standard deviation of how far a real groove or stripe wanders from a straight line, at each
+    end of what is seen of it, m; the other floor of the measured noise."""
     smoothing_px: float = 1.0
     """Standard deviation of the Gaussian that smooths the grey image, pixels."""
     edge_over_noise: tuple[float, float] = (2.0, 4.0)
@@ -31,6 +68,11 @@ class DetectorConfig:
     edge_min_grey: float = 2.0
     """Smallest high threshold, grey levels per pixel: keeps rounding and compression in clean
     images from counting as edges."""
+    binarise: Binarise = "canny"
+    """Edge pixels of hough and hough-p. canny: SantanaLoc's. global: the border of what is darker
+    than one threshold for the whole image, SantanaSLAM's."""
+    binary_grey: float = 0.0
+    """That threshold, grey levels; 0: chosen anew for each image (Otsu)."""
     hough_angle_deg: float = 2.0
     """Angle step of the Hough accumulator, degrees."""
     hough_offset_px: float = 2.0
@@ -45,16 +87,10 @@ class DetectorConfig:
     """Fewest edge pixels in a row (without a gap) that count; crossings may part a line into
     several such runs."""
     min_coverage: float = 0.4
-    """Smallest share of an edge's stretch that its edge pixels cover; below it, short runs that
-    are far apart are in line by chance."""
+    """Smallest share of an edge's stretch that its edge pixels cover (hough); below it, short runs
+    that are far apart are in line by chance."""
     max_gap_px: float = 8.0
     """Longest gap inside such a run, pixels."""
-    coarsest_pixel_m: float = 0.03
-    """Edge pixels that cover more floor than this across their edge are ignored (near the
-    horizon), m."""
-    vaguest_alpha_deg: float = 0.5
-    """Lines are left out whose own fit leaves their direction more uncertain than this (one
-    standard deviation), degrees."""
     sigma_rho_a_m: float = 0.004
     """a of the noise of rho, `a + b |sin alpha_M| (exp(rho / c) - 1)`, m (SantanaLoc eq. (22))."""
     sigma_rho_b_m: float = 0.3
@@ -69,13 +105,19 @@ class DetectorConfig:
             low, high = getattr(self, name)
             if not (math.isfinite(high) and 0 <= low < high):
                 raise BadConfig(f"{name} = ({low}, {high}): needs 0 <= first < second, both finite")
-        if self.polarity not in ("dark", "bright", "both"):
-            raise BadConfig(f"polarity = {self.polarity!r}: must be dark, bright or both")
+        for name, choices in CHOICES.items():
+            if getattr(self, name) not in choices:
+                *others, last = choices
+                raise BadConfig(
+                    f"{name} = {getattr(self, name)!r}: must be {', '.join(others)} or {last}"
+                )
+        if not all(len(r) == 4 and all(map(math.isfinite, r)) for r in self.ignore_px):
+            raise BadConfig("ignore_px: each rectangle is four finite numbers, u, v, u, v")
         for f in fields(self):
             value: Any = getattr(self, f.name)
-            if f.name in ("line_width_m", "edge_over_noise", "polarity"):
+            if not isinstance(value, int | float):
                 continue
-            may_be_zero = f.name in ("sigma_rho_b_m", "edge_min_grey")
+            may_be_zero = f.name in MAY_BE_ZERO
             if not (math.isfinite(value) and (value > 0 or (may_be_zero and value == 0))):
                 raise BadConfig(f"{f.name} = {value}: must be finite and positive")
 
@@ -119,6 +161,10 @@ class ExtractConfig:
     """Noise in place of what log.toml and the detector say."""
     workers: int = 0
     """Threads that look at images at the same time; 0: as many as the machine has cores."""
+    cache: bool = True
+    """Keep the lines found in images, so that the next run on the same images with the same
+    detector starts at the estimators; in $GRAPHSLAM_CACHE, else graphslam/lines in the user's
+    cache."""
     from_s: float | None = None
     """Leave out what was recorded before this time, s; absent: from the beginning."""
     to_s: float | None = None

@@ -80,21 +80,9 @@ def along_normal(phi: float, points: Array) -> Array:
 def find_edge_pixels(grey: NDArray[np.uint8], camera: Camera, config: DetectorConfig) -> EdgePixels:
     """Returns the edge pixels of an image (H, W) that show floor.
 
-    Canny's thresholds are multiples of the image's own gradient noise, so they follow light,
-    contrast and gain.
-
-    Source: SantanaLoc section 4.1 (edges by Canny).
+    Source: SantanaLoc section 4.1, SantanaSLAM section 3.4.
     """
-    scaled = np.multiply(grey, GREY_STEPS, dtype=np.int16)
-    smooth = cv2.GaussianBlur(scaled, (0, 0), config.smoothing_px)
-    dx, dy = cv2.Sobel(smooth, cv2.CV_16S, 1, 0), cv2.Sobel(smooth, cv2.CV_16S, 0, 1)
-    # cv2.magnitude rounds differently with the address of its arrays
-    magnitude = np.sqrt(np.square(dx, dtype=np.float32) + np.square(dy, dtype=np.float32))
-    noise = float(np.quantile(magnitude[::2, ::2], NOISE_QUANTILE)) / RAYLEIGH
-    low, high = config.edge_over_noise
-    threshold = max(high * noise, config.edge_min_grey * SOBEL_GAIN)
-    mask = cv2.Canny(dx, dy, threshold * low / high, threshold, L2gradient=True)
-
+    dx, dy, magnitude, mask = edge_image(grey, config)
     margin = 1 + int(np.ceil(3.0 * config.smoothing_px))  # mirrored at the border, edges bend
     v, u = np.nonzero(mask[margin:-margin, margin:-margin])
     u, v = u + margin, v + margin
@@ -109,6 +97,39 @@ def find_edge_pixels(grey: NDArray[np.uint8], camera: Camera, config: DetectorCo
     # a lens model used beyond its range throws pixels far out
     inside = np.abs(point).max(axis=1, initial=0.0) < 4.0 * max(camera.image_size)
     return edges.select(inside & (pixel_m < config.coarsest_pixel_m))
+
+
+def edge_image(
+    grey: NDArray[np.uint8], config: DetectorConfig
+) -> tuple[NDArray[np.int16], NDArray[np.int16], NDArray[np.float32], NDArray[np.bool_]]:
+    """Returns gradients along u and v, their magnitude (`SOBEL_GAIN`), and which pixels are edges.
+
+    Canny's thresholds are multiples of the image's own gradient noise, so they follow light,
+    contrast and gain. A global threshold does not: its edges are where dark touches bright.
+
+    Source: SantanaLoc section 4.1 (edges by Canny), SantanaSLAM section 3.4 (a threshold level).
+    """
+    scaled = np.multiply(grey, GREY_STEPS, dtype=np.int16)
+    smooth = cv2.GaussianBlur(scaled, (0, 0), config.smoothing_px)
+    dx, dy = cv2.Sobel(smooth, cv2.CV_16S, 1, 0), cv2.Sobel(smooth, cv2.CV_16S, 0, 1)
+    # cv2.magnitude rounds differently with the address of its arrays
+    magnitude = np.sqrt(np.square(dx, dtype=np.float32) + np.square(dy, dtype=np.float32))
+    noise = float(np.quantile(magnitude[::2, ::2], NOISE_QUANTILE)) / RAYLEIGH
+    low, high = config.edge_over_noise
+    threshold = max(high * noise, config.edge_min_grey * SOBEL_GAIN)
+    if config.binarise == "global":
+        return dx, dy, magnitude, _border_of_dark(smooth, config.binary_grey) & (magnitude > 0)
+    mask = cv2.Canny(dx, dy, threshold * low / high, threshold, L2gradient=True)
+    return dx, dy, magnitude, mask > 0
+
+
+def _border_of_dark(smooth: NDArray[np.int16], level: float) -> NDArray[np.bool_]:
+    """Returns the dark pixels that touch bright ones; ``level`` in grey levels, 0 for Otsu's."""
+    grey = (smooth // GREY_STEPS).astype(np.uint8)
+    otsu = cv2.THRESH_OTSU if level == 0.0 else 0
+    _, bright = cv2.threshold(grey, level, 255, cv2.THRESH_BINARY | otsu)
+    near_bright = cv2.dilate(bright, np.ones((3, 3), np.uint8))
+    return (np.asarray(bright) == 0) & (np.asarray(near_bright) > 0)
 
 
 def _at_ridge(magnitude: NDArray[np.float32], pixel: Array, normal: Array) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 
 from frontend.config import ExtractConfig
 from frontend.images import read_grey
+from frontend.line_cache import Found, cache_key, keep, load
 from frontend.lines import DetectedLines, detect_lines
 from frontend.log import Log
 from graphslam.errors import BadLog
@@ -25,6 +26,8 @@ def lines_in_images(
 ) -> tuple[DetectedLines, IntArray, int]:
     """Returns all lines, image by image, each one's image number, and how many are unreadable.
 
+    They are taken from the cache where the same images were searched in the same way before.
+
     Args:
         log: with images and cameras.
         numbers: which of the log's images to search.
@@ -34,6 +37,24 @@ def lines_in_images(
     Raises:
         BadLog: an image has not the size that the log states.
     """
+    key = cache_key(log, numbers, config.detector) if config.cache else ""
+    found = load(key) if config.cache else None
+    if found is None:
+        found = _search_all(log, numbers, config, progress)
+        if config.cache:
+            keep(key, found)
+    elif progress is not None:
+        for done in range(1, len(numbers) + 1):
+            progress(done, len(numbers))
+    return found.lines, found.source, found.unreadable
+
+
+def _search_all(
+    log: Log,
+    numbers: IntArray,
+    config: ExtractConfig,
+    progress: Callable[[int, int], None] | None,
+) -> Found:
     found: list[DetectedLines] = []
     source: list[int] = []
     rejected: Counter[str] = Counter()
@@ -54,7 +75,7 @@ def lines_in_images(
         quality=np.concatenate([np.zeros(0), *(lines.quality for lines in found)]),
         rejected=rejected,
     )
-    return merged, np.array(source, np.int64), unreadable
+    return Found(merged, np.array(source, np.int64), unreadable)
 
 
 def _in_order(

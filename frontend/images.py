@@ -44,6 +44,19 @@ def read_grey(path: Path) -> NDArray[np.uint8] | None:
     return None if image is None else np.asarray(image, np.uint8)
 
 
+def undistorted(grey: NDArray[np.uint8], camera: Camera) -> NDArray[np.uint8]:
+    """Returns an image as a lens without distortion shows it; for pictures, not for measuring."""
+    if camera.distortion is None:
+        return grey
+    if camera.lens == "fisheye":
+        flat = cv2.fisheye.undistortImage(
+            grey, camera.matrix, camera.distortion, Knew=camera.matrix
+        )
+    else:
+        flat = cv2.undistort(grey, camera.matrix, camera.distortion)
+    return np.asarray(flat, np.uint8)
+
+
 def thumbnail(path: Path, width: int, camera: Camera | None = None) -> Thumbnail | None:
     """Returns a copy of an image, at most ``width`` pixels wide, or None where it is unreadable.
 
@@ -52,8 +65,8 @@ def thumbnail(path: Path, width: int, camera: Camera | None = None) -> Thumbnail
     grey = read_grey(path)
     if grey is None:
         return None
-    if camera is not None and camera.distortion is not None:
-        grey = cv2.undistort(grey, camera.matrix, camera.distortion)
+    if camera is not None:
+        grey = undistorted(grey, camera)
     height, full = grey.shape
     if full > width:
         size = (width, max(1, round(height * width / full)))

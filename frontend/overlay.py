@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from frontend.images import read_grey
+from frontend.images import read_grey, undistorted
 from frontend.log import Log
 from graphslam.geometry import Array, points_on_line
 
@@ -85,14 +85,17 @@ def _tile(log: Log, frame: Frame) -> Picture | None:
     grey: Any = read_grey(path)
     if grey is None:
         return None
-    if camera.distortion is not None:
-        grey = cv2.undistort(grey, camera.matrix, camera.distortion)
+    grey = undistorted(grey, camera)
     scale = WIDTH / grey.shape[1]
     size = (WIDTH, max(1, round(scale * grey.shape[0])))
     tile: Any = cv2.cvtColor(cv2.resize(grey, size), cv2.COLOR_GRAY2BGR)
     draw_lines(tile, camera, frame.z, frame.extent, scale)
-    tile = _below(tile, CAPTION)
-    text = f"t = {frame.t:.2f} s   {path.name}   lines: {len(frame.z)}"
+    return caption(tile, f"t = {frame.t:.2f} s   {path.name}   lines: {len(frame.z)}")
+
+
+def caption(picture: Picture, text: str) -> Picture:
+    """Returns a picture (H, W, 3) with a line of text below."""
+    tile: Any = _below(picture, CAPTION)
     at, white = (8, len(tile) - 8), (255, 255, 255)
     cv2.putText(tile, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.5, white, 1, cv2.LINE_AA)
     return np.asarray(tile, np.uint8)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Annotated
 
 from tyro.conf import arg
@@ -70,13 +71,16 @@ class Run:
 class Extract:
     """Turn a log into measurements, and stop there.
 
-    Example: graphslam extract my-log --out measurements/my-log
+    Example: graphslam extract my-log --out measurements/my-log --overlay pictures/my-log
     """
 
     log: Log
     """Log folder."""
     out: Folder
     """Folder to write: run.json, measurements.npz and sightings.csv."""
+    overlay: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="")] = None
+    """Folder to write a picture of every image to, with the lines seen in it, in the image and on
+    the floor; it must be empty or absent."""
     config_file: ConfigFile = None
     """TOML file of settings, as `graphslam config` prints them; flags override it."""
     extract: ExtractConfig = field(default_factory=ExtractConfig)
@@ -88,6 +92,7 @@ class Extract:
         from compare.run import extract_log
 
         with Progress() as progress:
-            result = extract_log(self.log, self.out, RunConfig(extract=self.extract), progress)
+            config = RunConfig(extract=self.extract)
+            result = extract_log(self.log, self.out, config, progress, self.overlay)
         print_extracted(result)
         return DONE

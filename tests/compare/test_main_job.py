@@ -10,7 +10,7 @@ import pytest
 
 from compare import compare
 from compare.comparison import Comparison
-from frontend.config import DetectorConfig, ExtractConfig
+from frontend.config import ExtractConfig, NoiseConfig
 from frontend.extract import extract
 from frontend.log import open_log
 from frontend.simulate import load_scenario, simulate
@@ -22,21 +22,15 @@ from graphslam.smoother import smooth
 def main_job(folder: Path, sigmas: float = 1.0) -> Comparison:
     """Returns the comparison of a log, every default standard deviation scaled by ``sigmas``."""
     log = open_log(folder)
-    drive, detector = log.robot, DetectorConfig()
     drive = replace(
-        drive,
-        noise_left=sigmas * drive.noise_left,
-        noise_right=sigmas * drive.noise_right,
-        slip=tuple(sigmas * s for s in drive.slip),
-    )
-    detector = replace(
-        detector,
-        sigma_rho_a_m=sigmas * detector.sigma_rho_a_m,
-        sigma_rho_b_m=sigmas * detector.sigma_rho_b_m,
-        sigma_alpha_deg=sigmas * detector.sigma_alpha_deg,
+        log.robot,
+        noise_left=sigmas * log.robot.noise_left,
+        noise_right=sigmas * log.robot.noise_right,
+        slip=tuple(sigmas * s for s in log.robot.slip),
     )
     log = replace(log, robot=drive)
-    measurements = extract(log, ExtractConfig(detector=detector))
+    noise = NoiseConfig(rho_factor=sigmas, alpha_factor=sigmas)
+    measurements = extract(log, ExtractConfig(noise=noise))
     filtered = run_ekf(measurements)
     smoothed = smooth(measurements, filtered)
     return compare(log, measurements, [dead_reckoning(measurements), filtered, smoothed])

@@ -199,7 +199,7 @@ def test_rows_of_dots_are_no_line_and_hide_none() -> None:
     for u in range(15, 320, 10):
         for v in range(12, 140, 10):
             cv2.circle(image, (u, v), 3, 60, -1)
-    found = detect_lines(image, camera, DetectorConfig())
+    found = detect_lines(image, camera, DetectorConfig(min_length_m=0.08))
     assert_found(found, LINES[1:2], angle_deg=0.5)
 
 
@@ -264,14 +264,16 @@ def test_a_groove_broken_by_a_wide_band_is_one_line() -> None:
     found = detect_lines(floor.image(np.random.default_rng(5)), camera, DetectorConfig())
     assert_found(found, line[None])
     stretch = camera.visible_stretch(line[None])[0]
-    assert np.ptp(found.extent[0]) > 0.9 * np.ptp(stretch)
+    assert np.ptp(found.extent[0]) > 0.85 * np.ptp(stretch)
 
 
 @pytest.mark.parametrize("number", [0, 1, 2])
 def test_a_bevelled_groove_with_four_edges_is_one_line(number: int) -> None:
     camera, line = CAMERAS["640x480"], LINES[number]
     floor = Floor(camera).draw(line, 0.018, 105.0).draw(line, 0.006, 50.0)
-    found = detect_lines(floor.image(np.random.default_rng(11)), camera, DetectorConfig())
+    image = floor.image(np.random.default_rng(11))
+    assert_found(detect_lines(image, camera, DetectorConfig()), line[None])
+    found = detect_lines(image, camera, DetectorConfig(method="hough"))
     assert_found(found, line[None], offset_m=2e-3, angle_deg=0.7)
     assert found.rejected["seen twice"] == 1
 
@@ -308,7 +310,7 @@ def test_a_stretch_shorter_than_asked_for_is_rejected_and_counted() -> None:
     near = (np.abs(floor.across(LINES[1])) < 0.004) & (np.abs(floor.point[..., 0] - 0.5) < 0.06)
     floor.grey[near] = 60.0
     image = floor.image(np.random.default_rng(9))
-    assert len(detect_lines(image, camera, DetectorConfig())) == 1
+    assert len(detect_lines(image, camera, DetectorConfig(min_length_m=0.08))) == 1
     found = detect_lines(image, camera, DetectorConfig(min_length_m=0.2))
     assert len(found) == 0
     assert found.rejected["too short"] == 1
@@ -342,8 +344,14 @@ def test_lines_come_canonical_with_the_stretch_in_view() -> None:
     assert (found.extent[:, 0] > stretch[:, 0] - 0.005).all()
     assert (found.extent[:, 1] < stretch[:, 1] + 0.005).all()
     assert (np.ptp(found.extent, axis=1) > 0.85 * np.ptp(stretch, axis=1)).all()
-    assert (found.quality > 2 * DetectorConfig().min_support).all()
-    np.testing.assert_array_equal(found.cov, line_covariance(found.z, DetectorConfig()))
+    assert (found.quality > 0.8).all()
+
+
+def test_the_noise_is_the_papers_where_that_is_asked_for() -> None:
+    camera = CAMERAS["320x240"]
+    config = DetectorConfig(sigma_law="paper")
+    found = detect_lines(floor_with_lines(camera), camera, config)
+    np.testing.assert_array_equal(found.cov, line_covariance(found.z, config))
 
 
 def test_threads_do_not_change_the_result() -> None:

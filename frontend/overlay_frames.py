@@ -1,0 +1,108 @@
+"""Every frame of a log with the lines seen in it: in the image, and on the floor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from frontend.camera import Camera
+from frontend.images import read_grey, undistorted
+from frontend.log import Log
+from frontend.overlay import COLOURS, Picture, caption, draw_lines, write_picture
+from graphslam.errors import BadConfig
+from graphslam.geometry import Array, points_on_line
+from graphslam.measurements import Measurements
+
+HEIGHT = 480  # pixels of a frame's picture, and of the floor's beside it
+GRID_M = 0.1  # distance of the thin lines on the floor, m
+FARTHEST_M = 3.0  # floor beyond this is not drawn, m ahead or aside
+QUALITY = 90
+
+
+def write_overlays(
+    log: Log,
+    measurements: Measurements,
+    out: Path,
+    progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Writes a picture ``<number>.jpg`` of each image that was searched; returns how many.
+
+    On the left the frame, without lens distortion, with its lines along the stretches where they
+    were seen. On the right the floor in view from above, x up and y to the left, robot frame.
+
+    Args:
+        log: with images.
+        measurements: what was extracted from it.
+        out: folder to write to; it is made, and must be empty.
+        progress: called with (pictures done, pictures in all).
+
+    Raises:
+        BadConfig: the log has no images, or the folder holds something.
+    """
+    if log.images is None or "line" not in measurements.sightings:
+        raise BadConfig(f"{log.name}: has no images, so there is nothing to draw lines on")
+    out.mkdir(parents=True, exist_ok=True)
+    if any(out.iterdir()):
+        raise BadConfig(f"{out}: is not empty; choose another folder for the pictures")
+    table = measurements.sightings["line"]
+    numbers = log.floor_images()
+    numbers = numbers[np.isin(log.images.t[numbers], measurements.t)]
+    for done, number in enumerate(numbers.tolist(), start=1):
+        rows = table.source == number
+        camera = log.cameras[log.images.camera[number]]
+        path, t = log.images.file[number], float(log.images.t[number])
+        grey = read_grey(path)
+        if grey is not None:
+            text = f"t = {t:.2f} s   {path.name}   lines: {np.count_nonzero(rows)}"
+            picture = frame_picture(grey, camera, table.z[rows], table.extent[rows], text)
+            write_picture(out / f"{number:06d}.jpg", picture)
+        if progress is not None:
+            progress(done, len(numbers))
+    return len(numbers)
+
+
+def frame_picture(grey: Picture, camera: Camera, z: Array, extent: Array, text: str) -> Picture:
+    """Returns a picture (H, W, 3), BGR: a frame and the floor, with lines (K, 2) and stretches."""
+    flat = undistorted(grey, camera)
+    scale = HEIGHT / flat.shape[0]
+    left: Any = cv2.cvtColor(cv2.resize(flat, None, fx=scale, fy=scale), cv2.COLOR_GRAY2BGR)
+    draw_lines(left, camera, z, extent, scale)
+    right = _floor_picture(flat, camera, z, extent, left.shape[0])
+    both = np.concatenate([left, right], axis=1)
+    return caption(both, text + f"   floor: {GRID_M:g} m grid, robot frame, x up")
+
+
+def _floor_picture(flat: Picture, camera: Camera, z: Array, extent: Array, rows: int) -> Picture:
+    """Returns the floor in view from above, ``rows`` pixels high, with lines and a grid."""
+    corners = np.clip(camera.view(), -FARTHEST_M, FARTHEST_M)
+    low, high = corners.min(axis=0) - 0.02, corners.max(axis=0) + 0.02
+    per_m = rows / (high[0] - low[0])
+    columns = max(1, round(per_m * (high[1] - low[1])))
+    picture_T_floor = np.array(
+        [[0.0, -per_m, per_m * high[1]], [-per_m, 0.0, per_m * high[0]], [0.0, 0.0, 1.0]]
+    )
+    picture_T_pixel = picture_T_floor @ np.linalg.inv(camera.homography)
+    picture: Any = cv2.cvtColor(
+        cv2.warpPerspective(flat, picture_T_pixel, (columns, rows)), cv2.COLOR_GRAY2BGR
+    )
+
+    def to_picture(points: Array) -> list[list[int]]:
+        x, y = points[..., 0], points[..., 1]
+        at = np.stack([per_m * (high[1] - y), per_m * (high[0] - x)], axis=-1)
+        return list(np.round(at).astype(int).tolist())
+
+    for axis in (0, 1):
+        for value in np.arange(np.ceil(low[axis] / GRID_M), high[axis] / GRID_M) * GRID_M:
+            ends = np.array([low, high])
+            ends[:, axis] = value
+            cv2.line(picture, *to_picture(ends), (90, 90, 90), 1)
+    for number, (line, stretch) in enumerate(zip(z, extent, strict=True)):
+        ends = points_on_line(line, stretch)
+        if np.isfinite(ends).all():
+            colour = COLOURS[number % len(COLOURS)]
+            cv2.line(picture, *to_picture(ends), colour, 1, cv2.LINE_AA)
+    return np.asarray(picture, np.uint8)

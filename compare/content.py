@@ -106,12 +106,16 @@ def _matching(table: MatchingTable) -> dict[str, Any]:
         "incorrect": table.incorrect,
         "hit_rate": table.hit_rate,
         "unknown": table.unknown,
+        "missed": table.missed,
+        "needless": table.needless,
     }
     return {
         "right_share": table.right_share,
         "identifications": int(table.identifications.sum()),
         "correct": int(table.correct.sum()),
         "unknown": table.unknown_total,
+        "missed": int(table.missed.sum()),
+        "needless": table.needless_total,
         "landmarks": _rows(columns),
     }
 

@@ -14,6 +14,7 @@ from compare.truth import BoolArray, Truth
 from graphslam.estimate import Estimate
 from graphslam.geometry import Array
 from graphslam.measurements import IntArray, Measurements
+from graphslam.models import MODELS
 from graphslam.models.line import LINE
 
 MATCH_M = 0.1
@@ -31,7 +32,7 @@ class MatchingTable:
     """How many sightings were taken for which true landmark, as in SantanaSLAM Table 2.
 
     A landmark of the map stands for the true one that most of its sightings are of. Sightings
-    whose true landmark is not known are counted apart.
+    whose true landmark is not known are counted apart. The paper has the first three columns.
 
     Attributes:
         kind: (n,) kind of each true landmark.
@@ -39,7 +40,11 @@ class MatchingTable:
         identifications: (n,) used sightings of known truth that were taken for it.
         correct: (n,) of those, how many are of it.
         unknown: (n,) used sightings of unknown truth that were taken for it.
+        missed: (n,) sightings of it that were taken for nothing.
+        needless: (n,) landmarks of the map that stand for it, beyond the first.
         unknown_total: used sightings of unknown truth, whatever they were taken for.
+        needless_total: landmarks of the map beyond one for each true one; where the log itself
+            names the sightings' landmarks, also those that stand for none.
     """
 
     kind: tuple[str, ...]
@@ -47,7 +52,10 @@ class MatchingTable:
     identifications: IntArray
     correct: IntArray
     unknown: IntArray
+    missed: IntArray
+    needless: IntArray
     unknown_total: int
+    needless_total: int
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -59,8 +67,9 @@ class MatchingTable:
 
     @property
     def hit_rate(self) -> Array:
-        """(n,) share of `correct` among `identifications`."""
-        return self.correct / self.identifications
+        """(n,) share of `correct` among `identifications`; NaN where there are none."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self.correct / self.identifications)
 
     @property
     def right_share(self) -> float:
@@ -76,24 +85,30 @@ def matching_table(
 
     Source: SantanaSLAM Table 2.
     """
-    columns: list[tuple[str, int, int, int, int]] = []
-    unknown_total = 0
+    rows: list[tuple[str, int, list[int]]] = []
+    unknown_total = no_landmark = 0
     for first, table in measurements.tables():
         here = slice(first, first + len(table))
         used = estimate.used[here] & (estimate.match[here] >= 0)
-        row, true = estimate.match[here][used], truth.landmark[here][used]
-        unknown_total += int(np.sum(true < 0))
-        for name in np.unique(stands_for := _majority(row, true)):
-            if name >= 0:
-                taken = true[stands_for == name]
-                known, right = int(np.sum(taken >= 0)), int(np.sum(taken == name))
-                columns.append((table.kind, int(name), known, right, len(taken) - known))
-    if not columns:
+        if not MODELS[table.kind].dim_landmark:
+            continue
+        row, true = estimate.match[here], truth.landmark[here]
+        stands_for = _majority(row[used], true[used])
+        unknown_total += int(np.sum(true[used] < 0))
+        no_landmark += len(np.unique(row[used][stands_for == NOTHING]))
+        for name in np.unique(true[true >= 0]):
+            taken = true[used][stands_for == name]
+            known, right = int(np.sum(taken >= 0)), int(np.sum(taken == name))
+            missed = int(np.sum(true[~used] == name))
+            lines = len(np.unique(row[used][stands_for == name]))
+            counts = [known, right, len(taken) - known, missed, max(0, lines - 1)]
+            rows.append((table.kind, int(name), counts))
+    counts = np.array([entry[2] for entry in rows], np.int64).reshape(-1, 5).T
+    if not counts[0].sum():
         return None
-    counts = np.array([c[1:] for c in columns], np.int64).T
-    return MatchingTable(
-        tuple(c[0] for c in columns), counts[0], counts[1], counts[2], counts[3], unknown_total
-    )
+    kinds, names = tuple(entry[0] for entry in rows), np.array([entry[1] for entry in rows])
+    needless = int(counts[4].sum()) + (no_landmark if truth.labelled else 0)
+    return MatchingTable(kinds, names, *counts, unknown_total, needless)
 
 
 def _majority(row: IntArray, true: IntArray) -> IntArray:

@@ -78,6 +78,8 @@ SUMMARY: tuple[tuple[str, str, str, tuple[Figure, ...]], ...] = (
         (
             Figure("used", ("sightings_used",), best=None),
             Figure("matched rightly (%)", ("matching", "right_share"), 100.0, max),
+            Figure("of true lines, taken for nothing", ("matching", "missed")),
+            Figure("landmarks beyond one a line", ("matching", "needless")),
         ),
     ),
     (

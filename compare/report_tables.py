@@ -175,10 +175,11 @@ def matching(metrics: Mapping[str, Any]) -> dict[str, Any] | None:
 
 def _matching_cells(row: Mapping[str, Any] | None) -> list[str]:
     if row is None:
-        return [DASH] * 5
+        return [DASH] * 7
     rate = DASH if row["hit_rate"] is None else f"{row['hit_rate']:.1%}"
     counts = [number(row[k]) for k in ("identifications", "correct", "incorrect")]
-    return [*counts, rate, number(row["unknown"])]
+    rest = [number(row.get(k)) for k in ("unknown", "missed", "needless")]
+    return [*counts, rate, *rest]
 
 
 def facts(record: Record) -> list[dict[str, str]]:

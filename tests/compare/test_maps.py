@@ -500,11 +500,32 @@ def test_the_matching_table_counts_as_santana_slam_table_2() -> None:
     assert table.right_share == pytest.approx((known - 2) / known)
 
 
-def test_sightings_that_an_estimate_rejected_are_not_in_its_matching_table() -> None:
+def test_sightings_that_an_estimate_rejected_are_missed_not_identified() -> None:
     match = np.where(LABELS == 0, -1, LABELS)
+    match[np.flatnonzero(LABELS == 3)[:2]] = -1
     table = matching_table(estimated(GRID, match), MEASUREMENTS, truth_of(LOG, MEASUREMENTS))
     assert table is not None
-    assert 0 not in table.true_id
+    number = np.bincount(LABELS)
+    assert (table.identifications[0], table.missed[0]) == (0, number[0])
+    assert (table.identifications[3], table.missed[3]) == (number[3] - 2, 2)
+    assert np.isnan(table.hit_rate[0])
+    assert table.right_share == 1.0
+
+
+def test_landmarks_beyond_one_for_each_line_and_of_no_line_are_needless() -> None:
+    """Map line 8 takes half of line 5's sightings, map line 9 two that are of no line."""
+    match, labels = LABELS.copy(), LABELS.copy()
+    match[np.flatnonzero(LABELS == 5)[::2]] = 8
+    clutter = np.flatnonzero(LABELS == 6)[:2]
+    match[clutter], labels[clutter] = 9, -1
+    lines = np.vstack([GRID, GRID[5], GRID[6] + [0.5, 0.0]])
+    measurements = relabelled(MEASUREMENTS, labels)
+    truth = truth_of(labelled(labels), measurements)
+    table = matching_table(estimated(lines, match, measurements), measurements, truth)
+    assert table is not None
+    np.testing.assert_array_equal(table.needless, [0, 0, 0, 0, 0, 1, 0, 0])
+    assert table.needless_total == 2
+    np.testing.assert_array_equal(table.incorrect, np.zeros(8))
 
 
 def test_without_known_identities_there_is_no_matching_table() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from matching_cases import Case
 
 from frontend.extract import extract
 from frontend.log import Wheels
@@ -12,7 +13,6 @@ from frontend.simulate import load_scenario, simulate_log
 from frontend.simulate.floor import FloorLine
 from frontend.simulate.scenario import Motion, Scenario
 from graphslam.geometry import position_along
-from matching_cases import Case
 
 DRIFT_DEG = 20.0
 """How far odometry's heading is off where the loop closes, degrees, to either side."""
@@ -39,7 +39,9 @@ def loop(seed: int) -> Case:
         path=(*scenario.path[:-1], Motion(forward=AFTER_M)),
     )
     log = simulate_log(scenario, seed)
-    assert log.wheels is not None and log.robot is not None and log.truth is not None
+    assert log.wheels is not None
+    assert log.robot is not None
+    assert log.truth is not None
     robot, angle = log.robot, log.wheels.angle.copy()
     mean = 0.5 * angle.sum(axis=1) * robot.wheel_radius_left
     at = int(np.searchsorted(mean, LOOP_M))

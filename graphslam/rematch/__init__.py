@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from graphslam.rematch.rematch import Rematched, objective, settle
+from graphslam.rematch.rematch import Rematched, objective, rematch, settle
 
-__all__ = ["Rematched", "objective", "settle"]
+__all__ = ["Rematched", "objective", "rematch", "settle"]

@@ -18,7 +18,7 @@ from graphslam.models.odometry import transition
 from graphslam.rematch.fitted import Fitted
 from graphslam.rematch.submaps import Submap
 
-ALIGNING = AlignmentConfig(hypotheses=30, most=10)
+ALIGNING = AlignmentConfig(hypotheses=12, most=4)
 """Fewer motions are tried than for whole maps: odometry says roughly where to look."""
 JOINED = 3
 """Submaps that share so many landmarks are on each other already."""
@@ -62,7 +62,9 @@ class Closures:
     refused: dict[str, int]
 
 
-def closures(fitted: Fitted, maps: tuple[Submap, ...], config: RematchConfig, slips: bool) -> Closures:
+def closures(
+    fitted: Fitted, maps: tuple[Submap, ...], config: RematchConfig, slips: bool
+) -> Closures:
     """Returns which submaps are one place beyond doubt.
 
     A closure needs at least two pairs of submaps that agree, both directions fixed, and no rival
@@ -140,7 +142,7 @@ class _Spread:
             return True
         toward = apart / way
         sigma = float(np.sqrt(toward @ self.cov(i, j)[:2, :2] @ toward))
-        return way - reach <= np.sqrt(gate) * sigma
+        return bool(way - reach <= np.sqrt(gate) * sigma)
 
     def distance(self, i: int, j: int, alignment: Alignment) -> float:
         """Returns the squared Mahalanobis distance of a motion between nodes from odometry's."""

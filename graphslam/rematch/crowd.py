@@ -12,6 +12,7 @@ from graphslam.geometry import Array
 from graphslam.models import Model
 from graphslam.rematch.fitted import Fitted
 
+
 def by_chance(fitted: Fitted, model: Model, S: Array, config: RematchConfig) -> Array:
     """Returns how many landmarks (...) would lie within a gate by chance.
 

@@ -70,7 +70,7 @@ def difference(fitted: Fitted, kind: str, landmarks: IntArray, config: RematchCo
     distance[_seen_together(fitted, landmarks)] = np.inf
     fixed = problem.fixed[landmarks]
     distance[fixed[:, None] & fixed[None, :]] = np.inf
-    distance = np.minimum(distance, distance.T)
+    distance = np.asarray(np.minimum(distance, distance.T))
     for a, b in np.argwhere(np.triu(distance <= config.gate_new)):
         price = gap_price(np.array(_gap(fitted, int(landmarks[a]), int(landmarks[b]))), config)
         distance[a, b] = distance[b, a] = distance[a, b] + float(price)

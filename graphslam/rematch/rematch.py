@@ -10,11 +10,14 @@ import numpy as np
 
 from graphslam.config import RematchConfig, SmootherConfig
 from graphslam.measurements import IntArray
+from graphslam.rematch.closing import closures
 from graphslam.rematch.decide import decide
 from graphslam.rematch.fitted import UNMATCHED, Fitted, of_landmark_kinds, renumbered
 from graphslam.rematch.found import start_landmarks
 from graphslam.rematch.merge import TWO, merges
 from graphslam.rematch.slips import shifted, shifts
+from graphslam.rematch.starts import parted
+from graphslam.rematch.submaps import submaps
 from graphslam.smoother.problem import Minimum, Problem
 from graphslam.smoother.robust import minimise_robustly
 
@@ -28,6 +31,11 @@ REJECTED = "sightings rejected by rematching"
 SHIFTED = "stretches of the path shifted by rematching"
 MOVED = "sightings moved to another landmark by rematching"
 
+CLOSED = "loops closed by rematching"
+AGAIN = "rematching began anew without the loops that the first estimate closed"
+
+PATIENCE = 3
+"""Rounds without a lower objective after which no more are tried."""
 LEAST_PROMISE = 0.0
 """Gain, in units of the cost, that odometry must promise of a shift for it to be tried."""
 LEAST_GAIN = 0.5
@@ -66,6 +74,25 @@ def objective(fitted: Fitted, config: RematchConfig) -> float:
     return fitted.minimum.cost + 0.5 * config.gate * price
 
 
+def rematch(
+    problem: Problem, config: SmootherConfig, minimise: Minimise
+) -> tuple[Problem, dict[str, int]]:
+    """Returns the problem with its matches decided again, at its minimum, and what was changed.
+
+    Raises:
+        UnderConstrained: the measurements do not determine every pose and landmark.
+    """
+    first = problem.match
+    best = settle(problem, config, minimise)
+    apart = parted(problem, config.rematching.window_m)
+    if len(apart.kinds) > len(problem.kinds):
+        other = settle(apart, config, minimise)
+        if other.objective < best.objective - LEAST_GAIN:
+            best = replace(other, counts={**other.counts, AGAIN: 1})
+    counts = Counter(best.counts) + compared(first, best.fitted.problem.match)
+    return best.fitted.problem, dict(sorted(counts.items()))
+
+
 def settle(problem: Problem, config: SmootherConfig, minimise: Minimise) -> Rematched:
     """Returns what deciding again makes of a problem's matches.
 
@@ -75,18 +102,24 @@ def settle(problem: Problem, config: SmootherConfig, minimise: Minimise) -> Rema
     Raises:
         UnderConstrained: the measurements do not determine every pose and landmark.
     """
-    rules, first = config.rematching, problem.match
-    kernel = config if config.robust != "none" else replace(config, robust="gnc")
-    problem, _ = minimise_robustly(problem, kernel, minimise)
-    problem = renumbered(problem, np.where(problem.weight > 0.5, problem.match, UNMATCHED))
+    rules = config.rematching
+    problem = _robust(problem, config, minimise)
     best = _rounds(problem, config, minimise, rules.rounds)
+    best = _closed(best, config, minimise)
     for _ in range(rules.rounds):
         better = _unslipped(best, config, minimise)
         if better is None:
             break
         best = better
-    counts = Counter(best.counts) + _compared(first, best.fitted.problem.match)
-    return replace(best, counts=dict(sorted(counts.items())))
+    return best
+
+
+def _robust(problem: Problem, config: SmootherConfig, minimise: Minimise) -> Problem:
+    """Returns the problem at a robust minimum, without what that switches off."""
+    kernel = config if config.robust != "none" else replace(config, robust="gnc")
+    problem, minimum = minimise_robustly(problem, kernel, minimise)
+    problem = replace(problem, pose=minimum.pose, params=minimum.params)
+    return renumbered(problem, np.where(problem.weight > 0.5, problem.match, UNMATCHED))
 
 
 def _rounds(problem: Problem, config: SmootherConfig, minimise: Minimise, rounds: int) -> Rematched:
@@ -94,19 +127,58 @@ def _rounds(problem: Problem, config: SmootherConfig, minimise: Minimise, rounds
     rules = config.rematching
     fitted = Fitted.of(problem, minimise(problem, config))
     counts: Counter[str] = Counter()
-    best, settled, seen = fitted, False, set()
+    best, settled, seen, since = fitted, False, set(), 0
     for _ in range(rounds):
         changed, done = _one_round(fitted, rules)
         name = changed.match.tobytes()
-        if not done or name in seen:
+        if not done or name in seen or since == PATIENCE:
             settled = True
             break
         seen.add(name)
         counts += done
         fitted = Fitted.of(changed, minimise(changed, config))
+        since += 1
         if objective(fitted, rules) <= objective(best, rules):
-            best = fitted
+            best, since = fitted, 0
     return Rematched(best, objective(best, rules), settled, dict(counts))
+
+
+def _closed(best: Rematched, config: SmootherConfig, minimise: Minimise) -> Rematched:
+    """Returns the matches after closing all loops that are beyond doubt and lower the objective."""
+    rules = config.rematching
+    maps = submaps(best.fitted, config, minimise)
+    found = closures(best.fitted, maps, rules, config.robust_odometry)
+    counts = Counter(best.counts) + Counter(found.refused)
+    best = replace(best, counts=dict(counts))
+    rows = best.fitted.problem.match
+    for group in found.groups:
+        problem = best.fitted.problem
+        tried = _joined(problem, [_now(rows, problem.match, pair) for pair in group])
+        tried = _robust(tried, config, minimise)
+        closed = _rounds(tried, config, minimise, rules.rounds)
+        if closed.objective < best.objective - LEAST_GAIN:
+            counts = Counter(best.counts) + Counter(closed.counts) + Counter({CLOSED: 1})
+            best = replace(closed, counts=dict(counts))
+    return best
+
+
+def _now(before: IntArray, after: IntArray, pair: tuple[int, int]) -> tuple[int, int]:
+    """Returns what two landmarks are called under other matches: as most of their sightings are."""
+    a, b = (after[(before == landmark) & (after >= 0)] for landmark in pair)
+    if not len(a) or not len(b):
+        return UNMATCHED, UNMATCHED
+    return int(np.bincount(a).argmax()), int(np.bincount(b).argmax())
+
+
+def _joined(problem: Problem, pairs: list[tuple[int, int]]) -> Problem:
+    """Returns the problem with pairs of landmarks joined, except two that are both known."""
+    name = np.arange(len(problem.kinds))
+    for a, b in pairs:
+        keep, other = sorted((int(name[a]), int(name[b])))  # known landmarks come first
+        if min(a, b) >= 0 and not problem.fixed[other]:
+            name[name == other] = keep
+    match = np.where(problem.match >= 0, name[problem.match], UNMATCHED)
+    return renumbered(problem, match)
 
 
 def _unslipped(best: Rematched, config: SmootherConfig, minimise: Minimise) -> Rematched | None:
@@ -154,7 +226,7 @@ def _without_small(match: IntArray, problem: Problem, fewest: int, done: Counter
     return np.where((match >= 0) & small[match], UNMATCHED, match)
 
 
-def _compared(before: IntArray, after: IntArray) -> Counter[str]:
+def compared(before: IntArray, after: IntArray) -> Counter[str]:
     """Returns how many sightings were revived, rejected and moved to other landmarks."""
     out: Counter[str] = Counter()
     out[REVIVED] = int(np.sum((before < 0) & (after >= 0)))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from graphslam.association import gate_for, mahalanobis
+from graphslam.association import mahalanobis
 from graphslam.config import RematchConfig
 from graphslam.geometry import Array, rotation, wrap
 from graphslam.measurements import IntArray

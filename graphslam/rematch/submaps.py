@@ -9,7 +9,7 @@ import numpy as np
 
 from graphslam.config import RematchConfig, SmootherConfig
 from graphslam.errors import UnderConstrained
-from graphslam.geometry import Array, between, inverse, line_to_floor
+from graphslam.geometry import between, inverse, line_to_floor
 from graphslam.landmarks import stretches_seen
 from graphslam.line_maps.line_map import LineMap
 from graphslam.measurements import IntArray, Measurements, Odometry, Sightings
@@ -64,9 +64,7 @@ def submaps(fitted: Fitted, config: SmootherConfig, minimise: Minimise) -> tuple
     return tuple(made)
 
 
-def _local(
-    fitted: Fitted, first: int, last: int, rules: RematchConfig
-) -> tuple[Problem, IntArray]:
+def _local(fitted: Fitted, first: int, last: int, rules: RematchConfig) -> tuple[Problem, IntArray]:
     """Returns the problem of nodes ``first`` to ``last - 1`` alone, and its lines' landmarks."""
     problem = fitted.problem
     offset, table = table_of(problem, LINE.kind)

@@ -42,4 +42,5 @@ class _WindowFilter(Filter):
         """Returns the landmarks of a kind that were seen within the window."""
         found = super().candidates(node, kind)
         since = self.way[self.roster.last[found]] >= self.way[node] - self.window_m
-        return found[since | (found < self.roster.known)]
+        recent: IntArray = found[since | (found < self.roster.known)]
+        return recent

@@ -51,7 +51,7 @@ def smooth(
         return solve(problem, config)
     from graphslam.rematch import rematch  # it imports this module
 
-    found, counts = rematch(problem, config)
+    found, counts = rematch(problem, config, minimise)
     estimate = solve(found, config)
     return replace(estimate, counts={**estimate.counts, **counts})
 

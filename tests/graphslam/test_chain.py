@@ -76,9 +76,7 @@ SCENARIOS: dict[str, Callable[[], Problem]] = {
     "one direction": lambda: posed(scenario(lines=ONE_WAY)[0]),
     "one direction, start to a kilometre": lambda: posed(scenario(lines=ONE_WAY, start=1e3)[0]),
     "nothing seen": lambda: posed(scenario()[0].without_sightings()),
-    "nothing seen, start to a kilometre": lambda: posed(
-        scenario(start=1e3)[0].without_sightings()
-    ),
+    "nothing seen, start to a kilometre": lambda: posed(scenario(start=1e3)[0].without_sightings()),
     "two known lines": lambda: holding(posed(scenario()[0]), [0, 3]),
     "localisation": lambda: holding(posed(scenario(start=1e3)[0]), slice(None)),
     "localisation, one direction": lambda: holding(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ from graphslam.smoother.chain.ordering import Groups, minimum_degree
 from graphslam.smoother.chain.symbolic import analyse
 from graphslam.smoother.problem import Problem
 from tests.graphslam.test_chain import correlation_units
-from tests.worlds import drive
+from tests.worlds import GRID, drive
 
 # ---- orders of elimination --------------------------------------------------------------------
 
@@ -41,10 +41,10 @@ def coupled_after(start: np.ndarray, member: np.ndarray, groups: Groups) -> list
     """Returns by plain elimination on a full matrix what each group leaves coupled."""
     n = len(groups.order)
     joined = np.eye(n, dtype=bool)
-    for a, b in zip(start[:-1], start[1:], strict=True):
+    for a, b in pairwise(start):
         joined[np.ix_(member[a:b], member[a:b])] = True
     left, found = set(range(n)), []
-    for a, b in zip(groups.start[:-1], groups.start[1:], strict=True):
+    for a, b in pairwise(groups.start):
         pivots = groups.order[a:b]
         left -= set(pivots.tolist())
         outer = {v for p in pivots for v in np.flatnonzero(joined[p]).tolist()} & left
@@ -167,13 +167,12 @@ class Bearing:
 
 
 @pytest.fixture
-def more_kinds(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def more_kinds(monkeypatch: pytest.MonkeyPatch) -> None:
     """Makes both kinds known to every module that looks kinds up."""
     models = {**MODELS, Lamp().kind: Lamp(), Bearing().kind: Bearing()}
     for name, module in list(sys.modules.items()):
         if name.startswith("graphslam") and getattr(module, "MODELS", None) is MODELS:
             monkeypatch.setattr(module, "MODELS", models)
-    yield
 
 
 def table(kind: str, node: np.ndarray, z: np.ndarray, sigma: float) -> Sightings:
@@ -219,8 +218,6 @@ def test_landmarks_of_one_to_three_numbers_and_sightings_of_one_to_three_mix() -
     match = np.concatenate([parts[kind] for kind in everything.sightings])
     kinds = ("line",) * offset + ("a lamp",) * 3 + ("a bearing",) * 2
     seen = np.unique(tables["line"].truth)
-    from tests.worlds import GRID
-
     params = np.full((len(kinds), 3), np.nan)
     params[:offset, :2], params[offset : offset + 3] = GRID[seen], lamps
     params[offset + 3 :, :2] = points

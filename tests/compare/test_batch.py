@@ -207,7 +207,7 @@ def test_result_is_kept_only_for_the_same_input_configuration_and_version(
     log, folder = write_tiny_log(tmp_path / "log", nodes=30), tmp_path / "out" / "log"
     plain = job(log, folder)
     assert [do(plain).state for _ in range(2)] == ["computed", "kept"]
-    other = replace(plain.config, ekf=replace(plain.config.ekf, lost_after=3))
+    other = replace(plain.config, ekf=replace(plain.config.ekf, lost_after=4))
     assert do(replace(plain, config=other)).state == "computed"
     assert do(plain).state == "computed"
     threads = replace(plain.config, extract=replace(plain.config.extract, workers=3))

@@ -30,8 +30,9 @@ FOLDER = "GRAPHSLAM_CACHE"
 MOST_BYTES = 200_000_000
 """The entries that were written first go when there are more bytes than this."""
 CODE = (
-    "camera", "detected", "hough", "hough_lines", "image_lines", "images", "line_cache", "line_fit",
-    "lines", "pairing", "profiles", "segment_lines", "segments", "sight",
+    "camera", "detected", "fit_table", "floor_fit", "hough", "hough_lines", "image_lines", "images",
+    "line_cache", "line_fit", "line_noise", "lines", "pairing", "profiles", "segment_lines",
+    "segments", "sight", "straight",
 )  # fmt: skip
 PARTS = ("z", "cov", "extent", "quality", "source", "unreadable", "rejected")
 

@@ -28,7 +28,7 @@ PAIR_COLUMNS = 9
 
 
 @njit(cache=True, nogil=True)
-def pair_segments(segments, narrowest, widest, angle, polarity):  # type: ignore[no-untyped-def]
+def pair_segments(segments, limits):  # type: ignore[no-untyped-def]
     """Returns pairs (P, 9) of segments (N, 9) that may be the two edges of a line.
 
     Their normals point in opposite directions, both away from a dark line or both into a bright
@@ -36,9 +36,7 @@ def pair_segments(segments, narrowest, widest, angle, polarity):  # type: ignore
 
     Args:
         segments: columns as above.
-        narrowest, widest: width of a line, m; what a lens makes of a thin line is allowed for.
-        angle: largest angle between the edges, rad, beside what a pixel makes of short ones.
-        polarity: 1 only dark lines, -1 only bright ones, 0 both.
+        limits: `Limits`; what a pixel makes of the angle of short edges is allowed for.
     """
     pairs = np.empty((MOST_PAIRS, PAIR_COLUMNS))
     count = 0
@@ -54,7 +52,7 @@ def pair_segments(segments, narrowest, widest, angle, polarity):  # type: ignore
             facing = a[NX] * b[NX] + a[NY] * b[NY]
             if facing > -0.8:
                 continue
-            slack = angle + EDGE_PX * pixel * (1.0 / a[LENGTH] + 1.0 / b[LENGTH])
+            slack = limits.angle + EDGE_PX * pixel * (1.0 / a[LENGTH] + 1.0 / b[LENGTH])
             turn = a[NX] * b[NY] - a[NY] * b[NX]
             if abs(turn) > math.sin(min(slack, 0.6)):
                 continue
@@ -70,10 +68,12 @@ def pair_segments(segments, narrowest, widest, angle, polarity):  # type: ignore
             off_low, off_high = off_0 + slope * (low - b0), off_0 + slope * (high - b0)
             width = 0.5 * (off_low + off_high)  # dark lines: positive
             blur = EDGE_PX * pixel
-            if abs(width) > max(widest, BLURRED_PX * pixel) + blur:
+            if abs(width) > max(limits.widest, BLURRED_PX * pixel) + blur:
                 continue
-            if abs(width) < narrowest - blur or width * polarity < 0.0 or count == MOST_PAIRS:
+            if abs(width) < limits.narrowest - blur or width * limits.sense < 0.0:
                 continue
+            if count == MOST_PAIRS:
+                return pairs
             row = pairs[count]
             count += 1
             m_low, m_high = a_rho - 0.5 * off_low, a_rho - 0.5 * off_high

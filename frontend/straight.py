@@ -1,0 +1,115 @@
+"""A straight line through the blocks of one profile reading: robust, in the image.
+
+Compiled, without the interpreter lock.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from frontend.profiles import ACROSS, ALONG, COLUMNS, STEP_HIGH, STEP_LOW
+
+WEAKEST = 0.35  # share of a line's own median step that a block needs
+TUKEY = 4.685
+FINEST_SCALE = 0.04  # pixels: smaller residuals than these are never outliers
+
+
+@njit(cache=True, nogil=True)
+def median_of(values):  # type: ignore[no-untyped-def]
+    ordered = np.sort(values)
+    n = len(ordered)
+    return 0.5 * (ordered[(n - 1) // 2] + ordered[n // 2])
+
+
+@njit(cache=True, nogil=True)
+def keep_strong(blocks, count, least):  # type: ignore[no-untyped-def]
+    """Moves blocks whose both edges are seen clearly to the front.
+
+    Returns how many those are, and the median of their steps; steps below ``least`` do not count.
+    """
+    weakest = np.empty(count)
+    seen = 0
+    for k in range(count):
+        step = min(blocks[k, STEP_LOW], blocks[k, STEP_HIGH])
+        if step > least:
+            weakest[seen] = step
+            seen += 1
+    if seen == 0:
+        return 0, 0.0
+    typical = median_of(weakest[:seen])
+    kept = 0
+    for k in range(count):
+        if min(blocks[k, STEP_LOW], blocks[k, STEP_HIGH]) >= max(WEAKEST * typical, least):
+            for c in range(COLUMNS):
+                blocks[kept, c] = blocks[k, c]
+            kept += 1
+    return kept, typical
+
+
+@njit(cache=True, nogil=True)
+def fit_straight(blocks, count, weight):  # type: ignore[no-untyped-def]
+    """Fits ACROSS = a + b ALONG robustly; fills ``weight``; returns a (pixels) and b."""
+    along, across = blocks[:count, ALONG], blocks[:count, ACROSS]
+    a = b = 0.0
+    residual = np.empty(count)
+    # a first direction that a third of strays cannot turn: medians of the two ends' thirds
+    third = max(count // 3, 1)
+    s_0, s_1 = median_of(along[:third]), median_of(along[count - third :])
+    d_0, d_1 = median_of(across[:third]), median_of(across[count - third :])
+    if s_1 > s_0:
+        b = (d_1 - d_0) / (s_1 - s_0)
+        a = median_of(across - b * along)
+    for _ in range(5):
+        for k in range(count):
+            residual[k] = abs(across[k] - a - b * along[k])
+        scale = max(1.4826 * median_of(residual), FINEST_SCALE)
+        n0 = n1 = n2 = d0 = d1 = 0.0
+        for k in range(count):
+            r = residual[k] / (TUKEY * scale)
+            w = (1.0 - r * r) ** 2 if r < 1.0 else 0.0
+            weight[k] = w
+            n0 += w
+            n1 += w * along[k]
+            n2 += w * along[k] ** 2
+            d0 += w * across[k]
+            d1 += w * along[k] * across[k]
+        det = n0 * n2 - n1 * n1
+        if det <= 0.0:
+            break
+        b = (n0 * d1 - n1 * d0) / det
+        a = (d0 - b * n1) / n0
+    return a, b
+
+
+@njit(cache=True, nogil=True)
+def turned(ends, a, b):  # type: ignore[no-untyped-def]
+    """Returns ``ends`` moved across by a + b along, pixels."""
+    du, dv = ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1]
+    length = math.hypot(du, dv)
+    du, dv = du / length, dv / length
+    out = np.empty((2, 2))
+    for k in range(2):
+        d = a + b * length * k
+        out[k, 0], out[k, 1] = ends[k, 0] - d * dv, ends[k, 1] + d * du
+    return out
+
+
+@njit(cache=True, nogil=True)
+def through_view(ends, box):  # type: ignore[no-untyped-def]
+    """Returns ``ends`` moved along their line to where it enters and leaves ``box`` (u v u v)."""
+    du, dv = ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1]
+    low, high = -1e9, 1e9
+    for at, d, first, last in (
+        (ends[0, 0], du, box[0], box[2]),
+        (ends[0, 1], dv, box[1], box[3]),
+    ):
+        if abs(d) > 1e-9:
+            p, q = (first - at) / d, (last - at) / d
+            low, high = max(low, min(p, q)), min(high, max(p, q))
+    out = np.empty((2, 2))
+    out[0, 0], out[0, 1] = ends[0, 0] + low * du, ends[0, 1] + low * dv
+    out[1, 0], out[1, 1] = ends[0, 0] + high * du, ends[0, 1] + high * dv
+    return out

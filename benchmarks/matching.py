@@ -26,6 +26,8 @@ from matching_cases import (
     wheel_slip,
     wrong_matches,
 )
+from matching_loop import loop
+from matching_methods import METHODS
 from smoother_scaling import grid_laps
 
 from compare import compare
@@ -35,12 +37,7 @@ from frontend.lines import detect_lines
 from frontend.log import open_log
 from frontend.simulate import load_scenario, simulate
 from frontend.simulate.scenario import Motion
-from graphslam.association import Compatibility
-from graphslam.config import EkfConfig, Matching, MatchingConfig
-from graphslam.ekf import Filter, run_ekf
 from graphslam.estimate import Estimate
-from graphslam.measurements import IntArray, Sightings
-from graphslam.models import Model
 
 CASES: Mapping[str, Callable[[int], Case]] = {
     "clean": clean,
@@ -48,8 +45,16 @@ CASES: Mapping[str, Callable[[int], Case]] = {
     "fine-grid": fine_grid,
     "wheel-slip": wheel_slip,
     "random-views": random_views,
+    "loop": loop,
 }
-SEEDS = {"clean": 20, "wrong-matches": 50, "fine-grid": 50, "wheel-slip": 50, "random-views": 20}
+SEEDS = {
+    "clean": 20,
+    "wrong-matches": 50,
+    "fine-grid": 50,
+    "wheel-slip": 50,
+    "random-views": 20,
+    "loop": 50,
+}
 RECORDED = {
     "full rate": {},
     "half rate": {"every": 2},
@@ -60,34 +65,15 @@ RECORDED = {
 }
 LENGTHS = (1_000, 2_000, 4_000, 8_000)
 ROUNDS = 3
+TIMED = (
+    "filter, known",
+    "filter, nearest",
+    "filter, gated",
+    "filter, jcbb",
+    "smoother, known",
+    "smoother, rematch",
+)
 
-
-class Proposed(Filter):
-    """A filter that is told which line each sighting is of, and believes what passes its gate."""
-
-    def fit(
-        self, model: Model, table: Sightings, rows: IntArray, landmarks: IntArray
-    ) -> Compatibility:
-        """Returns distances to the proposed landmark only; what does not fit it is dropped."""
-        fit = super().fit(model, table, rows, landmarks)
-        own = table.truth[rows][:, None] == self.roster.identity[landmarks]
-        return Compatibility(np.where(own, fit.match, np.inf), np.where(own, 0.0, np.inf))
-
-
-def by_filter(method: Matching, case: Case) -> Estimate:
-    """Returns the filter's estimate with one way of matching; of a case's proposals if any."""
-    config = EkfConfig(MatchingConfig(method=method))
-    if case.labels is None:
-        return run_ekf(case.measurements, config)
-    return Proposed(case.labelled(), config, None).run()
-
-
-METHODS: Mapping[str, Callable[[Case], Estimate]] = {
-    "known": partial(by_filter, "known"),
-    "nearest": partial(by_filter, "nearest"),
-    "gated": partial(by_filter, "gated"),
-    "jcbb": partial(by_filter, "jcbb"),
-}
 
 COLUMNS = (
     ("rmse_m", "path mm", 1e3, np.median),
@@ -173,29 +159,28 @@ def print_recorded(logs: Path, methods: Sequence[str]) -> None:
             print(f"| {folder.name}, {what} | " + " | ".join(cells) + " |")
 
 
-def print_times(methods: Sequence[str]) -> None:
-    """Prints how the time of filter and matching grows with the length of a log.
+def print_times() -> None:
+    """Prints how the time of filter, smoother and matching grows with the length of a log.
 
-    Processor time, least of several rounds; two sightings a node. What a method takes beyond
-    `known` is its matching.
+    Processor time, least of several rounds; two sightings a node. What a filter takes beyond
+    "filter, known" is its matching, what "smoother, rematch" takes beyond "smoother, known" its
+    second thoughts and the filter they start from.
     """
     print("\n### time, µs a node\n")
-    print("| nodes | " + " | ".join(methods) + " |")
-    print("|---" * (len(methods) + 1) + "|")
-    best = {(n, m): np.inf for n in LENGTHS for m in methods}
-    cases = {n: grid_laps(n) for n in LENGTHS}
+    print("| nodes | " + " | ".join(TIMED) + " |")
+    print("|---" * (len(TIMED) + 1) + "|")
+    best = {(n, m): np.inf for n in LENGTHS for m in TIMED}
+    cases = {n: Case(None, grid_laps(n)) for n in LENGTHS}
     for _ in range(ROUNDS):
         for (nodes, method), least in best.items():
-            case = cases[nodes]
-            config = EkfConfig(MatchingConfig(method=method))  # type: ignore[arg-type]
             begin = time.process_time()
-            run_ekf(case, config)
+            METHODS[method](cases[nodes])
             best[nodes, method] = min(least, time.process_time() - begin)
     for nodes in LENGTHS:
-        cells = [f"{1e6 * best[nodes, method] / nodes:.0f}" for method in methods]
+        cells = [f"{1e6 * best[nodes, method] / nodes:.0f}" for method in TIMED]
         print(f"| {nodes:,} | " + " | ".join(cells) + " |")
     exponents = [
-        np.polyfit(np.log(LENGTHS), np.log([best[n, m] for n in LENGTHS]), 1)[0] for m in methods
+        np.polyfit(np.log(LENGTHS), np.log([best[n, m] for n in LENGTHS]), 1)[0] for m in TIMED
     ]
     print("| growth exponent | " + " | ".join(f"{e:.2f}" for e in exponents) + " |")
     print(f"\nThe line detector: {1e6 * detector_time():.0f} µs a frame of 320x240.")
@@ -230,7 +215,7 @@ def main() -> None:
     options = parser.parse_args()
     for name in options.cases or [*CASES, "recorded", "time"]:
         if name == "time":
-            print_times([m for m in options.methods if METHODS[m].func is by_filter])
+            print_times()
         elif name == "recorded":
             if options.logs is not None:
                 print_recorded(options.logs, options.methods)

@@ -42,13 +42,13 @@ class Case:
     """One run to be estimated, and what is true about it.
 
     Attributes:
-        log: the recording, with its truth.
+        log: the recording, with its truth; None where nothing is judged.
         measurements: what estimators eat; sightings carry their true lines, for judging.
         labels: (K,) line that each sighting is said to be of, by the ids of the log's map, where
             the case proposes matches; None where methods are to find them.
     """
 
-    log: Log
+    log: Log | None
     measurements: Measurements
     labels: IntArray | None = None
 

@@ -34,7 +34,7 @@ from compare.commands.simulate import Simulate
 from compare.commands.study import Study
 from compare.config import RunConfig, field_docs, load_config
 from frontend.config import ExtractConfig
-from graphslam.config import MatchingConfig
+from graphslam.config import MatchingConfig, SmootherConfig
 
 SHORT_FLAGS = {
     (ExtractConfig, "from_s"): arg(
@@ -45,8 +45,11 @@ SHORT_FLAGS = {
     ),
     (ExtractConfig, "every"): arg(name="every", prefix_name=False, metavar="N"),
     (MatchingConfig, "method"): arg(name="matching", prefix_name=False),
+    (SmootherConfig, "robust"): arg(name="robust", prefix_name=False),
+    (SmootherConfig, "rematch"): arg(name="rematch", prefix_name=False),
 }
-"""Options that are used so often that they have a flag without the path of their table."""
+"""Options that are used so often that they have a flag without the path of their table. Only they
+are switches where they are true or false; the others take `True` or `False`, as the file does."""
 
 
 class Command(Protocol):
@@ -119,7 +122,7 @@ def parse(arguments: Sequence[str]) -> Command:
             description="SLAM with straight lines for wheeled robots: should you filter or smooth "
             "your log, and how good is your map?",
             args=list(arguments),
-            config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.FlagConversionOff),
+            config=(tyro.conf.OmitSubcommandPrefixes,),
         )
     return command
 
@@ -142,6 +145,8 @@ def _dataclass_rule(info: StructTypeInfo) -> StructConstructorSpec | None:
     specs = []
     for f in fields(info.type):
         hint, short = hints[f.name], SHORT_FLAGS.get((info.type, f.name))
+        if short is None and hint is bool:
+            short = tyro.conf.FlagConversionOff
         specs.append(
             StructFieldSpec(
                 name=f.name,

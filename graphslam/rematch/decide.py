@@ -18,7 +18,7 @@ from graphslam.rematch.fitted import UNMATCHED, Fitted, of_landmark_kinds
 
 CHUNK = 200_000
 """Pairs of sighting and landmark that are looked at in one go."""
-KEEP = 2.0
+KEEP = 9.0
 """How much better, in squared Mahalanobis distance, another landmark must be than the present."""
 CROWDED = 1.0
 """Landmarks within the gate by chance beyond which nearness is no reason to match."""

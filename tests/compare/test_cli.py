@@ -15,7 +15,7 @@ import pytest
 from compare.cli import main, parse
 from compare.config import RunConfig, field_docs, load_config, to_toml
 from compare.methods import METHODS, run_methods
-from graphslam.config import EkfConfig, MatchingConfig
+from graphslam.config import EkfConfig, MatchingConfig, SmootherConfig
 from graphslam.errors import BadConfig, UnderConstrained
 from tests.compare.tiny_log import write_tiny_log
 from tests.worlds import drive
@@ -111,6 +111,19 @@ def test_flags_override_the_file_which_overrides_defaults(log: Path, tmp_path: P
     assert matching["method"] == "known"
     assert matching["nearest_angle_deg"] == MatchingConfig().nearest_angle_deg
     assert info["nodes"] == 14  # of 0.0 to 4.0 s at 10 Hz every third
+
+
+def test_how_to_match_has_short_flags_which_a_file_can_set_and_a_flag_take_back(
+    tmp_path: Path,
+) -> None:
+    given = parse(["run", "log", "--matching", "jcbb", "--robust", "gnc", "--rematch"]).settings
+    smoother = SmootherConfig(robust="gnc", rematch=True)
+    ekf = EkfConfig(MatchingConfig(method="jcbb"))
+    assert given == replace(RunConfig(), ekf=ekf, smoother=smoother)
+    file = tmp_path / "mine.toml"
+    file.write_text("[smoother]\nrematch = true\nrobust_odometry = true\n")
+    settings = parse(["run", "log", "--config", str(file), "--no-rematch"]).settings
+    assert settings == replace(RunConfig(), smoother=SmootherConfig(robust_odometry=True))
 
 
 def test_an_equals_sign_names_the_config_file_too(tmp_path: Path) -> None:

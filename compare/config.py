@@ -19,7 +19,7 @@ from frontend.strict import from_dict, load_toml
 from graphslam.config import EkfConfig, SmootherConfig
 from graphslam.errors import BadConfig
 
-Method = Literal["odometry", "ekf", "smoother"]
+Method = Literal["odometry", "ekf", "ekf-fej", "ekf-robot", "smoother"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,8 +27,10 @@ class RunConfig:
     """Everything that decides what a run computes from a log."""
 
     methods: tuple[Method, ...] = ("odometry", "ekf", "smoother")
-    """Methods to run and compare. odometry: the wheels alone. ekf: EKF-SLAM, causal. smoother: the
-    factor graph over the whole log, started from the filter's result."""
+    """Methods to run and compare. odometry: the wheels alone. ekf: EKF-SLAM, causal. ekf-fej,
+    ekf-robot: the same with covariances that stay honest, by first-estimates Jacobians or by
+    correcting what the robot sees. smoother: the factor graph over the whole log, started from the
+    filter's result."""
     known_map: str | None = None
     """A map to localise on: a map.csv, or the result folder of one method. Its lines stay where
     they are; sightings of none of them are dropped and counted (see ekf.extend_map)."""

@@ -40,6 +40,18 @@ def _ekf(measurements: Measurements, config: RunConfig, done: Estimates) -> Esti
     return run_ekf(measurements, config.ekf)
 
 
+def _ekf_fej(measurements: Measurements, config: RunConfig, done: Estimates) -> Estimate:
+    from graphslam.consistent import run_first_estimates
+
+    return run_first_estimates(measurements, config.ekf)
+
+
+def _ekf_robot(measurements: Measurements, config: RunConfig, done: Estimates) -> Estimate:
+    from graphslam.consistent import run_robot_centred
+
+    return run_robot_centred(measurements, config.ekf)
+
+
 def _smoother(measurements: Measurements, config: RunConfig, done: Estimates) -> Estimate:
     try:
         from graphslam.smoother import smooth
@@ -57,6 +69,8 @@ METHODS: Mapping[str, Method] = MappingProxyType(
     {
         "odometry": Method(_odometry),
         "ekf": Method(_ekf),
+        "ekf-fej": Method(_ekf_fej),
+        "ekf-robot": Method(_ekf_robot),
         "smoother": Method(_smoother, after=("ekf",)),
     }
 )

@@ -15,6 +15,8 @@ KINDS = {
     "odometry": "wheels alone",
     "geometric": "from the lines alone, causal",
     "ekf": "filter, causal",
+    "ekf-fej": "filter with first-estimates Jacobians, causal",
+    "ekf-robot": "filter in the robot's coordinates, causal",
     "particle": "particle filter, causal",
     "smoother": "whole run at once",
 }

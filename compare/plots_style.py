@@ -20,8 +20,14 @@ WIDTH = 9.6
 """Width of every figure, inches."""
 INK = "#010203"
 """Text, axes and truth: `currentColor` in the SVG, so that it reads on light and dark pages."""
-METHOD_COLOURS = {"odometry": "#d55e00", "ekf": "#0072b2", "smoother": "#009e73"}
-"""From the palette of Okabe and Ito: contrast of 3 or more on white and on near-black."""
+METHOD_COLOURS = {
+    "odometry": "#d55e00",
+    "ekf": "#0072b2",
+    "ekf-fej": "#a0780a",
+    "ekf-robot": "#8b6fc4",
+    "smoother": "#009e73",
+}
+"""From the palette of Okabe and Ito, or near it: contrast of 3 or more on white and near-black."""
 OTHER_COLOUR = "#b0649a"
 METHOD_DASHES: Mapping[str, str | tuple[float, tuple[float, ...]]] = {
     "odometry": (0.0, (1.2, 1.2)),

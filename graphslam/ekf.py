@@ -72,6 +72,7 @@ class Filter(Matcher):
     `linearisation`, those that match otherwise `find` or `candidates`.
 
     Attributes:
+        name: of the method.
         measurements, config, at: what the run was given.
         state: mean and covariance of pose and landmarks.
         roster: the landmarks; rows of it name them below.
@@ -81,6 +82,8 @@ class Filter(Matcher):
         counts: what happened to sightings, by reason.
         history: the landmarks' variances, node by node.
     """
+
+    name = "ekf"
 
     def __init__(self, measurements: Measurements, config: EkfConfig, at: Estimate | None) -> None:
         if at is not None and (

@@ -78,7 +78,7 @@ def result(run: Filter, pose: Array, cov: Array) -> Estimate:
     information = position_information(m, pose, landmarks, match)
     _, cov_odometry = propagate(m)
     return Estimate(
-        method="ekf",
+        method=run.name,
         causal=True,
         t=m.t,
         pose=pose,

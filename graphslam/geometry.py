@@ -63,6 +63,21 @@ def between(a: Array, b: Array) -> Array:
     return compose(inverse(a), b)
 
 
+def twist_motion(twist: Array) -> Array:
+    """Returns the rigid motions (..., 3) that constant twists (..., 3) lead to in unit time.
+
+    A twist is the velocity ``(x, y)`` of the origin, m, and a rate of turn, rad. It turns
+    everything about one fixed point, or shifts it where the rate is 0; not wrapped.
+    """
+    twist = np.asarray(twist, float)
+    half = 0.5 * twist[..., 2]
+    sinc = np.sinc(half / math.pi)
+    c, s = sinc * np.cos(half), sinc * np.sin(half)
+    x = c * twist[..., 0] - s * twist[..., 1]
+    y = s * twist[..., 0] + c * twist[..., 1]
+    return np.stack([x, y, twist[..., 2]], -1)
+
+
 def compose_jacobians(a: Array, b: Array) -> tuple[Array, Array, Array]:
     """Returns ``compose(a, b)`` and its Jacobians (..., 3, 3) with respect to a and b, additive."""
     a, b = np.asarray(a, float), np.asarray(b, float)

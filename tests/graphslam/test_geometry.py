@@ -128,3 +128,13 @@ def test_distance_from_a_line_is_signed_along_its_normal(
 def test_what_is_no_angle_does_not_become_one(value: float) -> None:
     with np.errstate(invalid="ignore"):
         assert np.isnan(g.wrap(value))
+
+
+def test_a_twist_turns_everything_about_one_fixed_point() -> None:
+    twist = np.array([0.4, -0.7, 1.3])
+    centre = np.array([-twist[1], twist[0]]) / twist[2]
+    motion = g.twist_motion(twist)
+    np.testing.assert_allclose(g.transform_points(motion, centre), centre, atol=1e-15)
+    half = g.twist_motion(0.5 * twist)
+    np.testing.assert_allclose(g.compose(half, half), motion, atol=1e-15)
+    np.testing.assert_allclose(g.twist_motion(np.array([1.0, 2.0, 0.0])), [1.0, 2.0, 0.0])

@@ -70,8 +70,13 @@ def _inside(path: Path) -> Iterable[Path]:
     """Returns the logs in a folder of logs; of all else, the path itself."""
     if not path.is_dir() or (path / "log.toml").exists():
         return [path]
+    from frontend.readers.bag_files import is_bag
+
     try:
-        return sorted(below.parent for below in path.glob("*/log.toml")) or [path]
+        if is_bag(path):
+            return [path]
+        logs = [below.parent for below in path.glob("*/log.toml")]
+        return sorted({*logs, *(below for below in path.iterdir() if is_bag(below))}) or [path]
     except OSError:
         return [path]
 

@@ -89,11 +89,10 @@ def reason_of(error: BaseException) -> str:
 
 
 def _compute(job: Job) -> Done:
-    from compare.run import run_opened
-    from frontend.log import open_log
+    from compare.run import open_as, run_opened
 
-    log = open_log(job.log)
     config = job.config
+    log = open_as(job.log, config)
     if config.extract.workers == 0:  # the other cores have jobs of their own
         config = replace(config, extract=replace(config.extract, workers=1))
     wanted = fingerprints(log, config)

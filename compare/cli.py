@@ -43,6 +43,9 @@ SHORT_FLAGS = {
     (ExtractConfig, "to_s"): arg(
         name="to", prefix_name=False, metavar="SECONDS", help_behavior_hint=""
     ),
+    (ExtractConfig, "robot"): arg(
+        name="robot", prefix_name=False, metavar="FILE", help_behavior_hint=""
+    ),
     (ExtractConfig, "every"): arg(name="every", prefix_name=False, metavar="N"),
     (MatchingConfig, "method"): arg(name="matching", prefix_name=False),
     (SmootherConfig, "robust"): arg(name="robust", prefix_name=False),

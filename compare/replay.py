@@ -111,8 +111,7 @@ def take_frames(
     size = np.array([(p.width, p.height) for p in pictures.values()], np.int64)
     jpeg = tuple(picture.jpeg for picture in pictures.values())
     frame, sighting, ends = _lines_in(log, measurements, chosen, node, size)
-    folder = log.folder.resolve()
-    names = (log.images.file[number].relative_to(folder).as_posix() for number in pictures)
+    names = (log.images.name(number, log.folder) for number in pictures)
     return Frames(node, tuple(names), size, jpeg, frame, sighting, ends)
 
 

@@ -6,6 +6,7 @@ import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,7 +22,7 @@ from compare.report import IndexEntry, check_index, write_index, write_report
 from compare.results import RUN_FORMAT, check_replaceable, whole_folder, write_json
 from compare.truth import truth_of
 from frontend.extract import extract, extraction_warnings
-from frontend.log import Log, open_log
+from frontend.log import Log, open_log, with_camera_offset
 from frontend.overlay_frames import write_overlays
 from graphslam.estimate import Estimate
 from graphslam.measurements import Measurements
@@ -99,7 +100,7 @@ def run_log(
         BadConfig: the folder or the configuration cannot be used.
         OSError: the folder cannot be written.
     """
-    log = open_log(path)
+    log = open_as(path, config, progress)
     return run_opened(log, RESULTS / log.name if out is None else Path(out), config, progress)
 
 
@@ -132,6 +133,21 @@ def run_logs(
     return outcomes
 
 
+def open_as(
+    path: Path | str, config: RunConfig | None = None, progress: Progress | None = None
+) -> Log:
+    """Returns a log, opened as the settings say: with their robot file and clock of the camera.
+
+    Args:
+        path: the log.
+        config: its ``extract`` part counts; None for the defaults.
+        progress: told how much of a bag is read.
+    """
+    settings, name = (config or RunConfig()).extract, Path(path).name
+    tell = None if progress is None else partial(progress, f"{name}: read, bytes")
+    return with_camera_offset(open_log(path, settings.robot, tell), settings.camera_offset_s)
+
+
 def extract_log(
     path: Path | str,
     out: Path | str,
@@ -154,7 +170,8 @@ def extract_log(
         BadConfig: a folder or the configuration cannot be used.
         OSError: a folder cannot be written.
     """
-    log, config, out = open_log(path), config or RunConfig(), Path(out)
+    config, out = config or RunConfig(), Path(out)
+    log = open_as(path, config, progress)
     check_replaceable(out)
     clock = _Clock(progress, log)
     measurements = clock("extract", lambda: extract(log, config.extract, clock.inside("extract")))
@@ -188,6 +205,7 @@ def run_opened(
         report: whether to draw the plots and write report.html.
     """
     config = config or RunConfig()
+    log = with_camera_offset(log, config.extract.camera_offset_s)
     check_replaceable(out)
     clock = _Clock(progress, log)
     if measurements is None:
@@ -197,10 +215,7 @@ def run_opened(
     estimates, failed = run_methods(measurements, config, clock)
     if failed and not estimates:
         raise next(iter(failed.values()))
-    engine = config.smoother.engine
-    comparison = clock(
-        "compare", lambda: compare(log, measurements, list(estimates.values()), engine)
-    )
+    comparison = clock("compare", lambda: compare(log, measurements, list(estimates.values())))
     frames = clock("thumbnails", lambda: take_frames(log, measurements, estimates))
     info = _info(log, measurements, config, estimates)
     info["failed"] = {name: str(error) for name, error in failed.items()}
@@ -238,7 +253,7 @@ def _attempt(
     path: Path, out: Path, taken: set[str], config: RunConfig | None, progress: Progress | None
 ) -> Outcome:
     try:
-        log = open_log(path)
+        log = open_as(path, config, progress)
         name, number = log.name, 1
         while name in taken:
             number += 1

@@ -169,12 +169,20 @@ class ExtractConfig:
     """Leave out what was recorded before this time, s; absent: from the beginning."""
     to_s: float | None = None
     """Leave out what was recorded after this time, s; absent: to the end."""
+    robot: str | None = None
+    """Robot file of a bag: geometry, cameras, topics (docs/bags.md); absent: what the bag itself
+    tells. A log folder has its log.toml instead."""
+    camera_offset_s: float = 0.0
+    """Added to the times of images and sightings before anything else, s; for a camera whose clock
+    differs from the wheels'. `graphslam calibrate LOG --time-offset` finds it."""
     every: int = 1
     """Use every n-th image (without images, every n-th time of sightings.csv), n >= 1."""
 
     def __post_init__(self) -> None:
         if self.workers < 0:
             raise BadConfig(f"workers = {self.workers}: must be 0 (all cores) or a positive number")
+        if not abs(self.camera_offset_s) <= 1e6:
+            raise BadConfig(f"camera_offset_s = {self.camera_offset_s}: must be seconds")
         if self.every < 1:
             raise BadConfig(f"every = {self.every}: must be 1 or more")
         if self.from_s is not None and self.to_s is not None and self.from_s >= self.to_s:

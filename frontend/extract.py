@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 
 from frontend.config import ExtractConfig, NoiseConfig
-from frontend.log import Log
+from frontend.log import Log, with_camera_offset
 from frontend.nodes import (
     Nodes,
     choose_nodes,
     line_times,
     odometry_at,
-    odometry_file,
+    odometry_part,
     odometry_times,
 )
 from frontend.truth import true_lines
@@ -29,6 +29,10 @@ KNOWN_SIGMA = 1e-6
 
 UNREADABLE = "image that cannot be read"
 NODE_OUTSIDE = "node outside the wheel record"
+UNREADABLE_CURE = {
+    True: "write them again, or remove their rows from images.csv",
+    False: "see what the camera's driver reports",
+}
 LINE_OUTSIDE = "line outside the wheel record"
 FIX_OUTSIDE = "pose fix outside the wheel record"
 
@@ -53,6 +57,7 @@ def extract(
         BadConfig: the chosen part of the log is empty.
     """
     config = config or ExtractConfig()
+    log = with_camera_offset(log, config.camera_offset_s)
     rejected: Counter[str] = Counter()
     nodes = choose_nodes(log, config)
     t = nodes.t
@@ -76,17 +81,17 @@ def extraction_warnings(log: Log, measurements: Measurements) -> tuple[str, ...]
     rejected, found = measurements.rejected, []
     lines = measurements.sightings.get("line")
     if UNREADABLE in rejected:
+        cure = UNREADABLE_CURE[log.described == "log.toml"]
         found.append(
             f"images that could not be read and were left out: {rejected[UNREADABLE]}, first "
-            f"{_first_unreadable(log, measurements)}; write them again, or remove their rows from "
-            "images.csv"
+            f"{_first_unreadable(log, measurements)}; {cure}"
         )
-    used, known, odometry = measurements.t, odometry_times(log), odometry_file(log)
+    used, known = measurements.t, odometry_times(log)
     if NODE_OUTSIDE in rejected:
         found.append(
             f"nodes outside the wheel record that were dropped: {rejected[NODE_OUTSIDE]}; "
-            f"{odometry} lasts from t = {known[0]:.12g} s to {known[-1]:.12g} s: start it before "
-            "and stop it after images and sightings"
+            f"{log.labels[odometry_part(log)]} lasts from t = {known[0]:.12g} s to "
+            f"{known[-1]:.12g} s: start it before and stop it after images and sightings"
         )
     first = min(times[0] for times in line_times(log) if len(times))
     if log.start_given and used[0] > first:
@@ -108,16 +113,15 @@ def extraction_warnings(log: Log, measurements: Measurements) -> tuple[str, ...]
 
 
 def _first_unreadable(log: Log, measurements: Measurements) -> str:
-    """Returns the first image that cannot be read, as images.csv names it."""
+    """Returns the first image that cannot be read, as the log names it."""
     from frontend.images import read_grey
 
     assert log.images is not None, "only images can be unreadable"
     shown = measurements.sightings["line"].source
     numbers = log.floor_images()
     numbers = numbers[np.isin(log.images.t[numbers], measurements.t) & ~np.isin(numbers, shown)]
-    files = (log.images.file[number] for number in numbers)
-    root = log.folder.resolve()
-    return next(f.relative_to(root).as_posix() for f in files if read_grey(f) is None)
+    unreadable = (n for n in numbers.tolist() if read_grey(log.images.file[n]) is None)
+    return log.images.name(next(unreadable), log.folder)
 
 
 # ---- sightings that the log gives -------------------------------------------------------------

@@ -12,7 +12,7 @@ import numpy as np
 from frontend.config import DetectorConfig
 from frontend.log import Log
 from frontend.moves import Moves
-from frontend.nodes import odometry_file
+from frontend.nodes import odometry_label
 from frontend.turning import TurnCheck
 from frontend.view import View
 from graphslam.geometry import Array
@@ -81,7 +81,7 @@ def _robot(evidence: Evidence) -> Iterator[Finding]:
         return
     radii = np.array([robot.wheel_radius_left, robot.wheel_radius_right])
     where, metres = (
-        "log.toml [robot]",
+        f"{evidence.log.described} [robot]",
         "write radii and base in metres; a radius is half a diameter",
     )
     if radii.min() < RADIUS_M[0] or radii.max() > RADIUS_M[1]:
@@ -110,7 +110,7 @@ def _robot(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _speeds(evidence: Evidence) -> Iterator[Finding]:
-    moves, about = evidence.moves, odometry_file(evidence.log)
+    moves, about = evidence.moves, odometry_label(evidence.log)
     if not moves.length.any() and not moves.turn.any():
         yield Finding(
             about, "the wheels never turn", "nothing moves", "check the encoders, or record a drive"
@@ -147,17 +147,17 @@ def _speeds(evidence: Evidence) -> Iterator[Finding]:
 
 def _times(evidence: Evidence) -> Iterator[Finding]:
     log, moves = evidence.log, evidence.moves
-    yield from _odometry_gaps(moves, odometry_file(log))
-    yield from _uneven(odometry_file(log), moves.t)
-    times = {"sightings.csv": None if log.sightings is None else log.sightings.t}
+    yield from _odometry_gaps(moves, odometry_label(log))
+    yield from _uneven(odometry_label(log), moves.t)
+    times = {log.labels["sightings"]: None if log.sightings is None else log.sightings.t}
     if log.images is not None:
-        times["images.csv"] = log.images.t[log.floor_images()]
+        times[log.labels["images"]] = log.images.t[log.floor_images()]
     for file, all_times in times.items():
         if all_times is None or not len(all_times):
             continue
         t = np.unique(all_times)
-        yield from _outside(file, t, moves.t, odometry_file(log))
-        if file == "images.csv":
+        yield from _outside(file, t, moves.t, odometry_label(log))
+        if file == log.labels["images"]:
             yield from _uneven(file, t)
             step = np.diff(t, prepend=t[0])
             gaps = np.flatnonzero(step > max(GAP_IMAGES_S, GAP_STEPS * float(np.median(step))))

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from frontend.extract import one_direction
+from frontend.extract import UNREADABLE_CURE, one_direction
 from frontend.findings import Evidence, Finding
-from frontend.nodes import odometry_file
+from frontend.nodes import odometry_label
 from frontend.turning import LARGEST_SHIFT_S
 from graphslam.geometry import between, interpolate_poses
 
@@ -86,10 +86,10 @@ def _lines(evidence: Evidence) -> Iterator[Finding]:
     images = evidence.log.images
     if bad and images is not None:
         yield Finding(
-            images.file[bad[0].image].relative_to(evidence.log.folder.resolve()).as_posix(),
+            images.name(bad[0].image, evidence.log.folder),
             f"{len(bad)} of {len(frames)} images looked at cannot be read, this one first",
             "empty, cut off, or of an unknown format",
-            "write them again, or remove their rows from images.csv",
+            UNREADABLE_CURE[evidence.log.described == "log.toml"],
         )
     readable = [frame for frame in frames if frame.readable]
     seen = [frame for frame in readable if len(frame.z)]
@@ -119,7 +119,7 @@ def _lines(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _turns(evidence: Evidence) -> Iterator[Finding]:
-    turns, odometry = evidence.turns, odometry_file(evidence.log)
+    turns, odometry = evidence.turns, odometry_label(evidence.log)
     if turns is None:
         return
     agree = (
@@ -147,12 +147,13 @@ def _turns(evidence: Evidence) -> Iterator[Finding]:
             f"{odometry} and lines",
             f"the clock of the images is {abs(turns.shift_s):.2f} s {late}",
             f"{agree}; up to {LARGEST_SHIFT:g} s are tolerated",
-            f"add {turns.shift_s:+.2f} s to the times of the images",
+            f"add {turns.shift_s:+.2f} s to the times of the images; "
+            "`graphslam calibrate --time-offset` measures it",
         )
     excess = 1.0 / abs(turns.factor) - 1.0
     if abs(excess) > LARGEST_ERROR:
         yield Finding(
-            "log.toml [robot]",
+            f"{evidence.log.described} [robot]",
             f"the wheels turn the robot by about {100 * abs(excess):.0f} % "
             f"{'more' if excess > 0 else 'less'} than the lines",
             agree,
@@ -168,9 +169,9 @@ def _truth(evidence: Evidence) -> Iterator[Finding]:
     begin, end = max(moves.t[0], log.truth.t[0]), min(moves.t[-1], log.truth.t[-1])
     if begin > end:
         yield Finding(
-            "groundtruth.tum",
+            log.labels["truth"],
             f"lasts from t = {log.truth.t[0]:.12g} s to {log.truth.t[-1]:.12g} s, "
-            f"{odometry_file(log)} from t = {moves.t[0]:.12g} s to {moves.t[-1]:.12g} s",
+            f"{odometry_label(log)} from t = {moves.t[0]:.12g} s to {moves.t[-1]:.12g} s",
             "without common times nothing can be judged",
             "give both one clock, in seconds",
         )
@@ -191,9 +192,9 @@ def _truth(evidence: Evidence) -> Iterator[Finding]:
         scale = float(x @ y / (x @ x))
         if abs(scale - 1.0) > LARGEST_ERROR:
             yield Finding(
-                "log.toml [robot]",
+                f"{evidence.log.described} [robot]",
                 f"the true {what} is {scale:.3g} times the wheels'",
                 f"up to {100 * LARGEST_ERROR:.0f} % apart is noise, more is not",
                 f"measure radii{' and wheel_base' if column else ''}; check the clock of "
-                f"groundtruth.tum{'; ' + sense if scale < 0 else ''}",
+                f"{evidence.log.labels['truth']}{'; ' + sense if scale < 0 else ''}",
             )

@@ -109,7 +109,7 @@ def _search(log: Log, number: int, config: ExtractConfig) -> DetectedLines | Non
     size = grey.shape[::-1]
     if size != camera.image_size:
         raise BadLog(
-            f"{path}: is {size[0]} x {size[1]} pixels, but log.toml says image_size = "
+            f"{path}: is {size[0]} x {size[1]} pixels, but {log.described} says image_size = "
             f"{list(camera.image_size)} for camera {camera.name!r}; correct it, and the homography"
         )
     return detect_lines(grey, camera, config.detector)

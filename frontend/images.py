@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,9 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
+from frontend.log import RecordedImage
 
 THUMBNAIL_QUALITY = 50
 """JPEG quality of thumbnails, 0 to 100."""
+
+
+SUFFIXES = {b"\xff\xd8\xff": ".jpg", b"\x89PNG\r\n\x1a\n": ".png"}
+"""Endings of image files, by their first bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,18 +36,56 @@ class Thumbnail:
     height: int
 
 
-def read_grey(path: Path) -> NDArray[np.uint8] | None:
+def read_grey(image: Path | RecordedImage) -> NDArray[np.uint8] | None:
     """Returns an image as (H, W) grey levels, or None where it cannot be read whole.
 
     A file that is cut off counts as unreadable: `cv2.imread` would fill the rest with grey, whose
     border looks like a line, so the bytes are read here and decoded from memory.
     """
+    if not isinstance(image, Path):
+        return image.grey()
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
-    except (OSError, cv2.error):
+        return decoded(image.read_bytes())
+    except OSError:
         return None
-    return None if image is None else np.asarray(image, np.uint8)
+
+
+def decoded(data: bytes | memoryview | NDArray[np.uint8]) -> NDArray[np.uint8] | None:
+    """Returns the bytes of an image file as (H, W) grey levels, or None where not whole."""
+    try:
+        grey = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    except cv2.error:
+        return None
+    return None if grey is None else np.asarray(grey, np.uint8)
+
+
+def image_file(image: Path | RecordedImage) -> tuple[str, bytes] | None:
+    """Returns an image as a file: its ending (".jpg"), and its bytes; None where it is unreadable.
+
+    What was recorded compressed stays as it was; all else becomes a grey PNG, without loss.
+    """
+    try:
+        if isinstance(image, Path):
+            return image.suffix, image.read_bytes()
+    except OSError:
+        return None
+    packed = image.packed()
+    if packed is not None:
+        for magic, suffix in SUFFIXES.items():
+            if packed.startswith(magic):
+                return suffix, packed
+    grey = image.grey()
+    return None if grey is None else (".png", cv2.imencode(".png", grey)[1].tobytes())
+
+
+def image_digest(image: Path | RecordedImage) -> str:
+    """Returns the SHA-256 of an image as it was recorded, hexadecimal, or "unreadable"."""
+    if not isinstance(image, Path):
+        return image.digest
+    try:
+        return hashlib.sha256(image.read_bytes()).hexdigest()
+    except OSError:
+        return "unreadable"
 
 
 def undistorted(grey: NDArray[np.uint8], camera: Camera) -> NDArray[np.uint8]:
@@ -57,7 +101,9 @@ def undistorted(grey: NDArray[np.uint8], camera: Camera) -> NDArray[np.uint8]:
     return np.asarray(flat, np.uint8)
 
 
-def thumbnail(path: Path, width: int, camera: Camera | None = None) -> Thumbnail | None:
+def thumbnail(
+    path: Path | RecordedImage, width: int, camera: Camera | None = None
+) -> Thumbnail | None:
     """Returns a copy of an image, at most ``width`` pixels wide, or None where it is unreadable.
 
     With a camera its lens distortion is taken out, so that `Camera.floor_to_pixel` fits.

@@ -36,7 +36,7 @@ class Source:
     """The times of one part of a log.
 
     Attributes:
-        file: name of the file in a log folder.
+        file: name of the file in a log folder, or of the topic in a bag.
         rows: how many rows it has.
         first_s: first time, s.
         last_s: last time, s.
@@ -249,14 +249,8 @@ def _wheel_rate(log: Log) -> Array:
 
 
 def _sources(log: Log) -> Iterator[Source]:
-    parts = {
-        "wheels.csv": log.wheels,
-        "odometry.csv": log.odometry,
-        "images.csv": log.images,
-        "sightings.csv": log.sightings,
-        "tags.csv": log.pose_fixes,
-        "groundtruth.tum": log.truth,
-    }
+    names = ("wheels", "odometry", "images", "sightings", "pose_fixes", "scans", "truth")
+    parts = {log.labels[name]: getattr(log, name) for name in names}
     known = (log.wheels or log.odometry).t  # type: ignore[union-attr]
     for file, part in parts.items():
         if part is None or not len(part.t):

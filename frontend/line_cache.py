@@ -22,6 +22,7 @@ import numpy as np
 
 from frontend.config import DetectorConfig
 from frontend.detected import DetectedLines
+from frontend.images import image_digest
 from frontend.log import Log
 from graphslam.measurements import IntArray
 
@@ -80,11 +81,7 @@ def cache_key(log: Log, numbers: IntArray, detector: DetectorConfig) -> str:
         for array in (camera.homography, camera.matrix, camera.distortion):
             total.update(b"none" if array is None else array.tobytes())
     for name, number in zip(names, numbers.tolist(), strict=True):
-        try:
-            content = hashlib.sha256(log.images.file[number].read_bytes()).hexdigest()
-        except OSError:
-            content = "unreadable"
-        total.update(f"{name} {content}\n".encode())
+        total.update(f"{name} {image_digest(log.images.file[number])}\n".encode())
     return total.hexdigest()
 
 

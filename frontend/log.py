@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from graphslam.errors import BadLog
 from graphslam.geometry import Array
 from graphslam.measurements import IntArray, LandmarkMap
 from graphslam.models.odometry import DifferentialDrive
+
+Progress = Callable[[int, int], None]
+"""Called with (bytes read, bytes in all) while a recording is opened."""
 
 DEFAULT_CAMERA = "floor"
 """The camera of images that name none."""
@@ -57,24 +60,112 @@ class PoseTrack:
         _freeze(self, t=(), pose=(3,))
 
 
+class RecordedImage(Protocol):
+    """An image inside a bag or a video: where it is, read only when it is asked for."""
+
+    @property
+    def name(self) -> str:
+        """Where it is, as messages say it."""
+        ...
+
+    @property
+    def digest(self) -> str:
+        """SHA-256, hexadecimal, of what was recorded."""
+        ...
+
+    def grey(self) -> NDArray[np.uint8] | None:
+        """Returns (H, W) grey levels, or None where it cannot be read whole."""
+        ...
+
+    def packed(self) -> bytes | None:
+        """Returns the bytes of the image file that was recorded, or None where it is none."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class ImageList:
     """Images of all cameras, in the order of the log: row number = number of the image.
 
     Attributes:
         t: (I,) times, s, not decreasing.
-        file: (I,) paths of the image files, resolved, inside the log's folder.
+        file: (I,) where each is: the path of a file inside the log's folder, resolved, or a place
+            in a bag or a video; `frontend.images` reads both.
         camera: (I,) name of the camera of each.
     """
 
     t: Array
-    file: tuple[Path, ...]
+    file: tuple[Path | RecordedImage, ...]
     camera: tuple[str, ...]
 
     def __post_init__(self) -> None:
         _freeze(self, t=())
         if not len(self.t) == len(self.file) == len(self.camera):
             raise BadLog("images: t, file and camera must have one entry each for every image")
+
+    def name(self, number: int, folder: Path) -> str:
+        """Returns how messages call an image of the log that lies in ``folder``."""
+        image = self.file[number]
+        if isinstance(image, Path):
+            return image.relative_to(folder.resolve()).as_posix()
+        return image.name
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """One turn of a laser.
+
+    Attributes:
+        ranges: (B,) distances, m; beams without an echo hold NaN, infinity or a value beyond the
+            limits below.
+        angle_min: direction of the first beam, rad, in the laser's frame (x forward, y left).
+        angle_step: from one beam to the next, rad; negative where the laser turns clockwise.
+        range_min: smallest distance that is a measurement, m.
+        range_max: largest, m.
+        duration: from the first beam to the last, s; 0 where unknown. The time of the scan is that
+            of its first beam.
+    """
+
+    ranges: Array
+    angle_min: float
+    angle_step: float
+    range_min: float = 0.0
+    range_max: float = np.inf
+    duration: float = 0.0
+
+
+class RecordedScan(Protocol):
+    """A scan inside a recording, read only when it is asked for."""
+
+    @property
+    def name(self) -> str:
+        """Where it is, as messages say it."""
+        ...
+
+    def scan(self) -> Scan | None:
+        """Returns the scan, or None where it cannot be read whole."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class ScanList:
+    """Scans of one laser, in the order of the log: row number = number of the scan.
+
+    Attributes:
+        t: (K,) times, s, not decreasing.
+        place: (K,) where each is.
+        sensor_pose: (3,) the laser in the robot frame, m and rad.
+    """
+
+    t: Array
+    place: tuple[RecordedScan, ...]
+    sensor_pose: Array
+
+    def __post_init__(self) -> None:
+        _freeze(self, t=())
+        pose = _read_only("ScanList.sensor_pose", self.sensor_pose, (3,))
+        object.__setattr__(self, "sensor_pose", pose)
+        if len(self.t) != len(self.place):
+            raise BadLog("scans: t and place must have one entry each for every scan")
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +233,12 @@ class Log:
         map: true lines, floor frame, or None; for judging only.
         warnings: what the user should know; the log is usable all the same.
         digest: SHA-256 of everything used, hexadecimal.
+        scans: scans of a laser, or None. No detector uses them yet; without images or sightings
+            their times are the nodes.
+        labels: what messages call a part of the log, by the name of its field: "wheels" is a file
+            of a log folder, or a topic of a bag.
+        described: what messages call the file that describes robot and cameras.
+        offset_s: what was added to the times of images and sightings by `with_camera_offset`, s.
     """
 
     name: str
@@ -160,9 +257,14 @@ class Log:
     map: LandmarkMap | None
     warnings: tuple[str, ...]
     digest: str
+    scans: ScanList | None = None
+    labels: Mapping[str, str] = field(default_factory=dict)
+    described: str = "log.toml"
+    offset_s: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", MappingProxyType(dict(self.cameras)))
+        object.__setattr__(self, "labels", MappingProxyType({**FILES, **self.labels}))
         for name in ("start_pose", "start_sigma"):
             object.__setattr__(self, name, _read_only(name, getattr(self, name), (3,)))
         if self.wheels is None and self.odometry is None:
@@ -180,12 +282,53 @@ class Log:
         names = {*self.cameras} | ({DEFAULT_CAMERA} if self.sightings is not None else set())
         return np.flatnonzero([name in names for name in self.images.camera])
 
+    def where(self, part: str) -> str:
+        """Returns where a part of the log is, as messages say it: a file, or a topic of a file."""
+        label = self.labels[part]
+        return f"{self.folder / label}" if label == FILES[part] else f"{self.folder}: {label}"
 
-def open_log(path: Path | str) -> Log:
+
+FILES = {
+    "wheels": "wheels.csv",
+    "odometry": "odometry.csv",
+    "images": "images.csv",
+    "sightings": "sightings.csv",
+    "pose_fixes": "tags.csv",
+    "scans": "scans.npz",
+    "truth": "groundtruth.tum",
+    "map": "map.csv",
+}
+"""The parts of a log, by the names of their fields, as files of a log folder."""
+
+
+def with_camera_offset(log: Log, offset_s: float) -> Log:
+    """Returns a log with ``offset_s`` added to the recorded times of images and sightings, s.
+
+    The offset counts from the log as it was opened: given twice, it is added once.
+    """
+    if offset_s == log.offset_s:
+        return log
+    shift = offset_s - log.offset_s
+    images, sightings = log.images, log.sightings
+    if images is not None:
+        images = replace(images, t=images.t + shift)
+    if sightings is not None:
+        received = sightings.t_received + shift
+        sightings = replace(sightings, t=sightings.t + shift, t_received=received)
+    return replace(log, images=images, sightings=sightings, offset_s=offset_s)
+
+
+def open_log(
+    path: Path | str, robot: Path | str | None = None, progress: Progress | None = None
+) -> Log:
     """Returns the log at ``path``, whatever its format; the reader is picked by content.
 
     Args:
-        path: a log folder (`docs/log-format.md`): a folder with a ``log.toml``.
+        path: a log folder (`docs/log-format.md`): a folder with a ``log.toml``; or a bag
+            (`docs/bags.md`): a ROS 1 bag, a ROS 2 bag (its folder or its file) or an MCAP file.
+        robot: a robot file, which says what a bag does not: geometry, cameras, topics. None: what
+            can be told from the bag alone.
+        progress: told how much of a bag is read.
 
     Raises:
         BadLog: there is no log, or it contradicts its format; the message names file, line, cure.
@@ -198,14 +341,27 @@ def open_log(path: Path | str) -> Log:
     if found == "folder":
         from frontend.readers.folder import read_folder
 
+        if robot is not None:
+            raise BadLog(
+                f"{path}: is a log folder, whose log.toml describes the robot; a robot file goes "
+                "with bags: leave --robot out"
+            )
         return read_folder(path)
+    if found == "bag":
+        from frontend.readers.bag import read_bag
+
+        return read_bag(path, None if robot is None else Path(robot), progress)
     raise BadLog(f"{path}: {found}; give a folder with a log.toml in it (docs/log-format.md)")
 
 
 def _what_is(path: Path) -> str:
     """Returns the name of the format, or what else is at ``path``."""
+    from frontend.readers.bag_files import is_bag
+
     if (path / "log.toml").exists():
         return "folder"
+    if is_bag(path):
+        return "bag"
     if path.name == "log.toml" and path.is_file():
         return f"is a file of the log {path.parent}"
     if path.is_dir():

@@ -37,7 +37,8 @@ def choose_nodes(log: Log, config: ExtractConfig) -> Nodes:
     """Returns the nodes of a log, or of the part that is asked for.
 
     They are the distinct times of floor images and of sightings.csv, every n-th of them, and those
-    of all other tables of sightings; without any of these, the times of the odometry, every n-th.
+    of all other tables of sightings; without any of these, the times of the laser's scans, else of
+    the odometry, every n-th.
 
     Raises:
         BadConfig: the part that is asked for is empty.
@@ -57,7 +58,7 @@ def choose_nodes(log: Log, config: ExtractConfig) -> Nodes:
     inside = chosen[(chosen >= known[0]) & (chosen <= known[-1])]
     if not len(inside):
         raise BadLog(
-            f"{log.folder / odometry_file(log)}: odometry lasts from t = {known[0]:.12g} s to "
+            f"{log.where(odometry_part(log))}: odometry lasts from t = {known[0]:.12g} s to "
             f"{known[-1]:.12g} s, images and sightings from t = {chosen[0]:.12g} s to "
             f"{chosen[-1]:.12g} s; give both one clock"
         )
@@ -67,7 +68,8 @@ def choose_nodes(log: Log, config: ExtractConfig) -> Nodes:
 def line_times(log: Log) -> tuple[Array, Array]:
     """Returns the distinct times (s) that ``every`` thins, and those of all other sightings.
 
-    The first are of images and sightings.csv, or of the odometry in a log without any sighting.
+    The first are of images and sightings.csv, or in a log without any sighting of the laser's
+    scans, else of the odometry.
     """
     seen = [np.zeros(0)]
     if log.images is not None:
@@ -77,7 +79,7 @@ def line_times(log: Log) -> tuple[Array, Array]:
     main = np.unique(np.concatenate(seen))
     others = np.zeros(0) if log.pose_fixes is None else np.unique(log.pose_fixes.t)
     if not len(main) and not len(others):
-        main = odometry_times(log)
+        main = odometry_times(log) if log.scans is None else np.unique(log.scans.t)
     return main, others
 
 
@@ -87,9 +89,14 @@ def _within(t: Array, config: ExtractConfig) -> Array:
     return t[(t >= first) & (t <= last)]
 
 
-def odometry_file(log: Log) -> str:
-    """Returns the name of the file in a log folder that odometry is taken from."""
-    return "wheels.csv" if log.wheels is not None else "odometry.csv"
+def odometry_part(log: Log) -> str:
+    """Returns the part of a log that odometry is taken from: "wheels" or "odometry"."""
+    return "wheels" if log.wheels is not None else "odometry"
+
+
+def odometry_label(log: Log) -> str:
+    """Returns what messages call the part of a log that odometry is taken from."""
+    return log.labels[odometry_part(log)]
 
 
 def odometry_times(log: Log) -> Array:

@@ -90,7 +90,7 @@ def _tile(log: Log, frame: Frame) -> Picture | None:
     size = (WIDTH, max(1, round(scale * grey.shape[0])))
     tile: Any = cv2.cvtColor(cv2.resize(grey, size), cv2.COLOR_GRAY2BGR)
     draw_lines(tile, camera, frame.z, frame.extent, scale)
-    return caption(tile, f"t = {frame.t:.2f} s   {path.name}   lines: {len(frame.z)}")
+    return caption(tile, f"t = {frame.t:.2f} s   {Path(path.name).name}   lines: {len(frame.z)}")
 
 
 def caption(picture: Picture, text: str) -> Picture:

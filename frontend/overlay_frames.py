@@ -54,10 +54,10 @@ def write_overlays(
     for done, number in enumerate(numbers.tolist(), start=1):
         rows = table.source == number
         camera = log.cameras[log.images.camera[number]]
-        path, t = log.images.file[number], float(log.images.t[number])
-        grey = read_grey(path)
+        image, t = log.images.file[number], float(log.images.t[number])
+        grey = read_grey(image)
         if grey is not None:
-            text = f"t = {t:.2f} s   {path.name}   lines: {np.count_nonzero(rows)}"
+            text = f"t = {t:.2f} s   {Path(image.name).name}   lines: {np.count_nonzero(rows)}"
             picture = frame_picture(grey, camera, table.z[rows], table.extent[rows], text)
             write_picture(out / f"{number:06d}.jpg", picture)
         if progress is not None:

@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.simulate.scenario import Motion, Scenario
+from frontend.write_folder import TIME_DECIMALS
 from graphslam.errors import BadConfig
 from graphslam.geometry import Array, compose
 from graphslam.models.odometry import DifferentialDrive, wheel_increment
 
-# times are written with this many decimals, and used as they are written
-TIME_DECIMALS = 9
 MOST_READINGS = 5e7
 """Encoder readings above which a scenario is refused: their arrays take gigabytes."""
 

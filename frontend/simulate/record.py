@@ -20,7 +20,7 @@ from frontend.simulate.scenario import Scenario
 from frontend.simulate.sightings import camera_in_log, draw_sightings
 from frontend.simulate.view import camera_of
 from frontend.simulate.world import build_world, floor_lines, floor_stretches
-from frontend.simulate.write import write_images_csv, write_log
+from frontend.write_folder import write_images_csv, write_log
 from graphslam.errors import BadConfig
 from graphslam.geometry import Array
 from graphslam.measurements import LandmarkMap, Measurements

@@ -1,0 +1,159 @@
+"""Log folders (docs/log-format.md): their tables and log.toml from a `Log`, and their images."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from frontend.log import DEFAULT_CAMERA, UNKNOWN_WHEELS, LineSightings, Log, PoseFixes
+from frontend.readers.log_toml import FORMAT
+from graphslam.geometry import Array
+from graphslam.measurements import LandmarkMap
+
+TIME_DECIMALS = 9
+"""Decimals of times, s, as bags have; simulated times are used as they are written."""
+TIME = f"{{:.{TIME_DECIMALS}f}}"
+TWELVE_DECIMALS, EXACT = "{:.12f}", "{!r}"
+
+
+def write_log(folder: Path, log: Log, exact: bool) -> None:
+    """Writes log.toml and all tables but images.csv into an empty folder.
+
+    Args:
+        folder: where.
+        log: the recording.
+        exact: whether numbers are written so that reading gives the same bits, or with twelve
+            decimals; times have nine, as bags have.
+    """
+    real, time = EXACT if exact else TWELVE_DECIMALS, TIME
+    _write(folder / "log.toml", log_toml(log))
+    if log.wheels is not None:
+        wheels = _rows([time, real, real], np.column_stack([log.wheels.t, log.wheels.angle]))
+        _write(folder / "wheels.csv", ["t,left,right", *wheels])
+    if log.odometry is not None:
+        poses = np.column_stack([log.odometry.t, log.odometry.pose])
+        _write(folder / "odometry.csv", ["t,x,y,theta", *_rows([time, real, real, real], poses)])
+    if log.map is not None:
+        write_map(folder / "map.csv", log.map, real)
+    if log.truth is not None:
+        half = 0.5 * log.truth.pose[:, 2]
+        columns = [log.truth.t, log.truth.pose[:, :2], np.sin(half), np.cos(half)]
+        row = f"{time} {real} {real} 0 0 0 {real} {real}"
+        rows = (row.format(*v) for v in np.column_stack(columns).tolist())
+        _write(folder / "groundtruth.tum", rows)
+    if log.sightings is not None:
+        _write(folder / "sightings.csv", _sightings(log.sightings, time, real))
+    if log.pose_fixes is not None:
+        _write(folder / "tags.csv", _tags(log.pose_fixes, time, real))
+
+
+def write_images_csv(
+    folder: Path, t: Array, files: Sequence[str], cameras: Sequence[str] = ()
+) -> None:
+    """Writes images.csv: times (I,), s, and as many paths inside the folder and names of cameras.
+
+    Without cameras, all are of the default one.
+    """
+    if set(cameras) <= {DEFAULT_CAMERA}:
+        rows = (f"{TIME.format(when)},{file}" for when, file in zip(t.tolist(), files, strict=True))
+        _write(folder / "images.csv", ["t,file", *rows])
+        return
+    parts = zip(t.tolist(), files, cameras, strict=True)
+    rows = (f"{TIME.format(when)},{file},{camera}" for when, file, camera in parts)
+    _write(folder / "images.csv", ["t,file,camera", *rows])
+
+
+def write_map(path: Path, lines: LandmarkMap, real: str = EXACT) -> None:
+    """Writes map.csv."""
+    _write(path, _map(lines, real))
+
+
+def _rows(formats: Sequence[str], values: Array) -> Iterable[str]:
+    row = ",".join(formats)
+    return (row.format(*line) for line in values.tolist())
+
+
+def _map(lines: LandmarkMap, real: str) -> list[str]:
+    """Returns map.csv; only where a line ends are there columns for it, empty for endless ones."""
+    finite = np.isfinite(lines.extent).any()
+    rows = ["line,rho,alpha,s_min,s_max" if finite else "line,rho,alpha"]
+    for name, line, extent in zip(
+        lines.id.tolist(), lines.params.tolist(), lines.extent.tolist(), strict=True
+    ):
+        cells = [str(name), *(real.format(v) for v in line)]
+        if finite:
+            cells += ["" if np.isnan(s) else real.format(s) for s in extent]
+        rows.append(",".join(cells))
+    return rows
+
+
+def _sightings(seen: LineSightings, time: str, real: str) -> Iterable[str]:
+    late = bool(np.any(seen.t_received != seen.t))
+    received = ",t_received" if late else ""
+    yield f"t,rho,alpha,cov_rr,cov_ra,cov_aa,s_min,s_max,line{received}"
+    cov = seen.cov[:, [0, 0, 1], [0, 1, 1]]
+    values = np.column_stack([seen.t, seen.z, cov, seen.extent])
+    numbers = _rows([time, *[real] * (values.shape[1] - 1)], values)
+    rows = zip(numbers, seen.truth.tolist(), seen.t_received.tolist(), strict=True)
+    for row, line, when in rows:
+        row = row.replace("nan", "")
+        yield f"{row},{line},{time.format(when)}" if late else f"{row},{line}"
+
+
+def _tags(fixes: PoseFixes, time: str, real: str) -> Iterable[str]:
+    yield "t,x,y,theta,cov_xx,cov_xy,cov_xt,cov_yy,cov_yt,cov_tt,t_received"
+    rows, columns = np.triu_indices(3)
+    values = np.column_stack([fixes.t, fixes.z, fixes.cov[:, rows, columns], fixes.t_received])
+    yield from _rows([time, *[real] * 9, time], values)
+
+
+def log_toml(log: Log) -> list[str]:
+    """Returns the lines of a log.toml."""
+    return [f'format = "{FORMAT}"', f"name = {text(log.name)}", *description(log)]
+
+
+def text(value: str) -> str:
+    """Returns a text as TOML has it."""
+    return json.dumps(value, ensure_ascii=False)
+
+
+def description(log: Log) -> list[str]:
+    """Returns the lines of [robot], of the cameras and of [start], in log.toml and robot files."""
+    lines: list[str] = []
+    names = ("wheel_radius_left", "wheel_radius_right", "wheel_base", "noise_left", "noise_right")
+    if log.robot is not None and log.robot != replace(UNKNOWN_WHEELS, slip=log.robot.slip):
+        lines += ["", "[robot]", *(f"{name} = {toml(getattr(log.robot, name))}" for name in names)]
+        lines.append(f'law = "{log.robot.law}"')
+    elif log.robot is not None:
+        lines += ["", "[robot]"]
+    if log.robot is not None:
+        lines.append(f"slip = {toml(log.robot.slip)}")
+    for name, camera in log.cameras.items():
+        table = "camera" if name == DEFAULT_CAMERA else f"cameras.{text(name)}"
+        lines += ["", f"[{table}]", f"image_size = {list(camera.image_size)}"]
+        if name != DEFAULT_CAMERA:
+            lines.append(f'looks_at = "{camera.looks_at}"')
+        for key in ("homography", "matrix", "distortion"):
+            array = getattr(camera, key)
+            if array is not None:
+                lines.append(f"{key} = {toml(array)}")
+        if camera.lens != "plain":
+            lines.append(f'lens = "{camera.lens}"')
+    if log.start_given:
+        pose, sigma = toml(log.start_pose), toml(log.start_sigma)
+        lines += ["", "[start]", f"pose = {pose}", f"sigma = {sigma}"]
+    return lines
+
+
+def toml(value: float | Sequence[float] | Array) -> str:
+    if np.ndim(value) == 0:
+        return repr(float(value))  # type: ignore[arg-type]
+    return f"[{', '.join(toml(v) for v in value)}]"  # type: ignore[union-attr]
+
+
+def _write(path: Path, lines: Iterable[str]) -> None:
+    path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8", newline="\n")

@@ -30,13 +30,11 @@ class History:
         self._nodes = nodes
         self._entries: list[tuple[IntArray, Array]] | None = []
 
-    def remember(self, roster: Roster, state: JointState, others: IntArray) -> None:
-        """Keeps the variances of the landmarks: of all entries behind the pose but ``others``."""
+    def remember(self, roster: Roster, state: JointState) -> None:
+        """Keeps the variances of the landmarks in the state."""
         if self._entries is None:
             return
-        variances = np.diagonal(state.P).copy()
-        kept = np.delete(variances, others) if len(others) else variances
-        self._entries.append((roster.free(), kept[3:]))
+        self._entries.append((roster.free(), np.diagonal(state.P)[3:].copy()))
         if self._nodes * (state.size - 3) > LARGEST_HISTORY:
             self._entries = None
 

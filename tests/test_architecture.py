@@ -54,6 +54,8 @@ def test_imports_point_one_way(package: str) -> None:
         ("gtsam", ("graphslam/smoother/",)),
         ("cv2", ("frontend/",)),
         ("matplotlib", ("compare/plots",)),
+        ("rosbags", ("frontend/readers/bag_types", "frontend/write_bag")),
+        ("rerun", ("compare/interchange/rerun",)),
         ("tyro", ("compare/cli", "compare/commands/")),
     ],
 )

@@ -10,15 +10,17 @@ from typing import TypeVar
 
 import numpy as np
 
-from frontend.log import DEFAULT_CAMERA, Log
+from frontend.log import DEFAULT_CAMERA, ImageList, Log, with_camera_offset
 from frontend.readers import folder_tables as tables
 from frontend.readers.log_toml import LogTable, RobotTable, floor_cameras, read_log_toml
+from frontend.readers.scans_npz import read_scans
+from frontend.readers.video import VideoImage, read_video
 from graphslam.errors import BadConfig, BadLog
 from graphslam.models.odometry import DifferentialDrive
 
 T = TypeVar("T")
 
-UNUSED = ("lamps.csv", "bearings.csv", "scans.npz", "landmarks.csv", "video.csv")
+UNUSED = ("lamps.csv", "bearings.csv", "landmarks.csv")
 """Files of the format that this version does not read."""
 
 USED = (
@@ -30,6 +32,8 @@ USED = (
     "tags.csv",
     "groundtruth.tum",
     "map.csv",
+    "scans.npz",
+    "video.csv",
 )
 """Files of the format that this version reads, in the order of the digest."""
 
@@ -51,6 +55,7 @@ def read_folder(folder: Path) -> Log:
     sightings = _optional(
         folder / "sightings.csv", lambda path: tables.read_sightings(path, landmarks)
     )
+    seen, notes = _images(folder, settings, settings_path)
     # images beside sightings only say when there were images: no camera has to be described
     names = {*cameras, *elsewhere} or ({DEFAULT_CAMERA} if sightings is not None else set())
     log = Log(
@@ -63,16 +68,43 @@ def read_folder(folder: Path) -> Log:
         start_given=settings.start is not None,
         wheels=wheels,
         odometry=odometry,
-        images=_optional(folder / "images.csv", lambda path: tables.read_images(path, names)),
+        images=seen
+        or _optional(folder / "images.csv", lambda path: tables.read_images(path, names)),
         sightings=sightings,
         pose_fixes=_optional(folder / "tags.csv", tables.read_tags),
         truth=_optional(folder / "groundtruth.tum", tables.read_truth),
         map=landmarks,
         warnings=(),
         digest="",
+        scans=_optional(folder / "scans.npz", read_scans),
     )
-    warnings = (*_unused(folder, settings, elsewhere), *_doubtful(log))
-    return replace(log, warnings=warnings, digest=_digest(log))
+    warnings = (*notes, *_unused(folder, elsewhere), *_doubtful(log))
+    log = replace(log, warnings=warnings, digest=_digest(log))
+    return replace(with_camera_offset(log, settings.time.camera_offset), offset_s=0.0)
+
+
+def _images(
+    folder: Path, settings: LogTable, path: Path
+) -> tuple[ImageList | None, tuple[str, ...]]:
+    """Returns the frames of the log's video, if it has one, and what the user should know."""
+    if settings.video is None:
+        if _is_there(folder / "video.csv"):
+            raise BadLog(
+                f'{folder / "video.csv"}: belongs to a video; name it in log.toml: video = "x.mp4"'
+            )
+        return None, ()
+    if _is_there(folder / "images.csv"):
+        raise BadLog(f"{path}: names a video, and images.csv is there too; keep one of them")
+    video = folder / settings.video
+    try:
+        inside = video.resolve().is_relative_to(folder.resolve()) and video.is_file()
+    except (OSError, RuntimeError, ValueError):
+        inside = False
+    if not inside:
+        raise BadLog(
+            f"{path}: video = {settings.video[:80]!r} is no file in the log folder; put it there"
+        )
+    return read_video(video, folder / "video.csv")
 
 
 def _is_there(path: Path) -> bool:
@@ -97,12 +129,10 @@ def _robot(path: Path, table: RobotTable | None, has_wheels: bool) -> Differenti
         raise BadLog(f"{path}: [robot] {refused}") from None
 
 
-def _unused(folder: Path, settings: LogTable, elsewhere: list[str]) -> Iterator[str]:
+def _unused(folder: Path, elsewhere: list[str]) -> Iterator[str]:
     """Yields a warning for each part of the format that this version does not use."""
     present = [name for name in UNUSED if _is_there(folder / name)]
     present += [f"log.toml: camera {name!r}" for name in elsewhere]
-    if settings.video is not None:
-        present.append("log.toml: video")
     for name in present:
         yield f"{name}: present, not used by this version"
 
@@ -116,6 +146,11 @@ def _doubtful(log: Log) -> Iterator[str]:
             "sightings.csv: images are not searched for lines, because lines already detected are "
             "there; images only say when there were images"
         )
+    if log.scans is not None:
+        yield (
+            "scans.npz: scans are read, but no detector finds walls in them yet: they only say "
+            "when there were scans"
+        )
     if not len(log.floor_images()) and log.sightings is None and log.pose_fixes is None:
         yield "no floor images, sightings.csv or tags.csv: there is only odometry to estimate from"
 
@@ -127,8 +162,11 @@ def _digest(log: Log) -> str:
     if log.images is not None and log.sightings is None:  # else no image is opened
         root = log.folder.resolve()
         files = [log.images.file[i] for i in log.floor_images()]
-        named += [(file.relative_to(root).as_posix(), file) for file in files]
+        paths = [file for file in files if isinstance(file, Path)]
+        named += [(path.relative_to(root).as_posix(), path) for path in paths]
     total = hashlib.sha256()
+    if log.images is not None and isinstance(log.images.file[0], VideoImage):
+        total.update(log.images.file[0].video.digest.encode())
     for name, path in named:
         try:
             with path.open("rb") as stream:

@@ -10,6 +10,7 @@ from pathlib import Path, PureWindowsPath
 import numpy as np
 
 from frontend.log import DEFAULT_CAMERA, ImageList, LineSightings, PoseFixes, PoseTrack, Wheels
+from frontend.quaternions import yaw
 from frontend.strict import nearest
 from frontend.table import Table, read_columns, read_table
 from graphslam.geometry import Array, wrap
@@ -138,9 +139,7 @@ def read_truth(path: Path) -> PoseTrack:
         np.abs(norm - 1) > 1e-3,
         "the quaternion {qx} {qy} {qz} {qw} has not the norm 1; the order is t x y z qx qy qz qw",
     )
-    qx, qy, qz, qw = (q / norm[:, None]).T
-    yaw = np.arctan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy**2 + qz**2))
-    pose = np.column_stack([table.stack("x", "y"), wrap(yaw)])
+    pose = np.column_stack([table.stack("x", "y"), wrap(yaw(q / norm[:, None]))])
     return PoseTrack(table.numbers["t"], pose)
 
 

@@ -20,6 +20,7 @@ FORMAT = "graphslam-log/1"
 
 GEOMETRY = ("wheel_radius_left", "wheel_radius_right", "wheel_base")
 LARGEST_START_M = 1e3  # sigma of the start: beyond it double precision loses the lines
+LARGEST_OFFSET_S = 1e6
 LARGEST = 1e9  # of a robot's numbers: with it and the tables' limit nothing overflows
 
 Matrix3 = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
@@ -102,6 +103,18 @@ class StartTable:
 
 
 @dataclass(frozen=True, slots=True)
+class TimeTable:
+    """``[time]``."""
+
+    camera_offset: float = 0.0
+    """What to add to the times of images and sightings, s."""
+
+    def __post_init__(self) -> None:
+        if abs(self.camera_offset) > LARGEST_OFFSET_S:
+            raise BadConfig(f"camera_offset = {self.camera_offset}: is no offset in seconds")
+
+
+@dataclass(frozen=True, slots=True)
 class LogTable:
     """The whole file, cameras not yet looked into."""
 
@@ -112,16 +125,21 @@ class LogTable:
     cameras: Mapping[str, Any] = field(default_factory=dict)
     start: StartTable | None = None
     video: str | None = None
+    time: TimeTable = TimeTable()
 
     def __post_init__(self) -> None:
-        name = self.name
-        if name is not None and (
-            not name.strip() or len(name) > 100 or name[0] == "." or not _plain(name)
-        ):
-            raise BadConfig(
-                f"name = {name[:100]!r}: becomes the name of a folder; write 1 to 100 characters, "
-                'no / \\ : * ? " < > |, no dot at the beginning'
-            )
+        check_name(self.name)
+
+
+def check_name(name: str | None) -> None:
+    """Raises BadConfig where a log's name cannot be that of a folder."""
+    if name is not None and (
+        not name.strip() or len(name) > 100 or name[0] == "." or not _plain(name)
+    ):
+        raise BadConfig(
+            f"name = {name[:100]!r}: becomes the name of a folder; write 1 to 100 characters, "
+            'no / \\ : * ? " < > |, no dot at the beginning'
+        )
 
 
 def read_log_toml(path: Path) -> LogTable:

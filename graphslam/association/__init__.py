@@ -8,7 +8,6 @@ from graphslam.association.distances import (
     compatibility,
     gate_for,
     mahalanobis,
-    same_label,
     stretch_gap,
 )
 from graphslam.association.joint import jcbb
@@ -24,6 +23,5 @@ __all__ = [
     "jcbb",
     "leftover",
     "mahalanobis",
-    "same_label",
     "stretch_gap",
 ]

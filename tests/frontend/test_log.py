@@ -222,7 +222,7 @@ def test_the_digest_changes_with_what_is_used_and_with_nothing_else(tmp_path: Pa
     files = {"log_toml": WITH_CAMERA, "images_csv": "t,file\n0,a.png\n", "a_png": b"one"}
     digest = open_log(write_log(tmp_path / "a", **files)).digest
     assert re.fullmatch("[0-9a-f]{64}", digest)
-    same = write_log(tmp_path / "b", **files, notes_txt="ignored", scans_npz=b"unused")
+    same = write_log(tmp_path / "b", **files, notes_txt="ignored", lamps_csv=b"unused")
     assert open_log(same).digest == digest
     for name, content in (
         ("a_png", b"two"),
@@ -238,9 +238,7 @@ def test_the_digest_changes_with_what_is_used_and_with_nothing_else(tmp_path: Pa
 # ---- warnings ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "name", ["lamps_csv", "bearings_csv", "scans_npz", "landmarks_csv", "video_csv"]
-)
+@pytest.mark.parametrize("name", ["lamps_csv", "bearings_csv", "landmarks_csv"])
 def test_files_that_are_not_used_yet_give_one_warning_each(tmp_path: Path, name: str):
     folder = write_log(tmp_path, sightings_csv="t,rho,alpha\n0,1,1\n", **{name: b"\xff anything"})
     file = ".".join(name.rsplit("_", 1))
@@ -251,10 +249,6 @@ def test_files_that_are_not_used_yet_give_one_warning_each(tmp_path: Path, name:
     ("files", "warning"),
     [
         ({}, "no floor images, sightings.csv or tags.csv"),
-        (
-            {"log_toml": 'video = "x.mp4"\n' + LOG_TOML},
-            "log.toml: video: present, not used by this version",
-        ),
         (
             {"odometry_csv": "t,x,y,theta\n0,0,0,0\n1,0,0,0\n"},
             "odometry.csv: not used, because wheels.csv is there",

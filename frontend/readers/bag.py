@@ -1,0 +1,327 @@
+"""Reader of bags: ROS 1, ROS 2 (SQLite, MCAP) and bare MCAP files (docs/bags.md)."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from frontend.camera import Camera
+from frontend.log import ImageList, Log, PoseTrack, Progress, ScanList, Wheels, with_camera_offset
+from frontend.readers import bag_types as types
+from frontend.readers.bag_choice import Choice, choose
+from frontend.readers.bag_content import BagContent, Stream, collect
+from frontend.readers.bag_places import BagImage, BagScan
+from frontend.readers.bag_times import Times, times_of
+from frontend.readers.folder_tables import read_map
+from frontend.readers.log_toml import floor_cameras
+from frontend.readers.robot_toml import RobotFile, read_robot_file
+from graphslam.errors import BadConfig, BadLog
+from graphslam.geometry import wrap
+from graphslam.measurements import LandmarkMap
+from graphslam.models.odometry import DifferentialDrive
+
+NO_ROBOT = "without a robot file"
+
+
+def read_bag(path: Path, robot_file: Path | None = None, progress: Progress | None = None) -> Log:
+    """Returns the log in a bag.
+
+    Args:
+        path: a bag's file, or the folder of a ROS 2 bag.
+        robot_file: says what the bag does not; None: nothing does.
+        progress: told bytes.
+
+    Raises:
+        BadLog: nothing can be made of the bag, or the robot file contradicts its format or the
+            bag; the message says what is there and what to do.
+    """
+    robot = RobotFile() if robot_file is None else read_robot_file(robot_file)
+    cameras, elsewhere = {}, []
+    if robot_file is not None:
+        cameras, elsewhere = floor_cameras(robot_file, robot)  # before the long part
+    content = collect(path, progress)
+    if not content.messages:
+        raise BadLog(f"{path}: nothing of it can be read: {_why(content)}; {_CURE_UNREADABLE}")
+    return log_of(content, robot, robot_file, cameras, elsewhere)
+
+
+_CURE_UNREADABLE = "copy it again from the robot, or record again"
+
+
+def _why(content: BagContent) -> str:
+    return "; ".join(content.losses.texts()) or "it holds no message"
+
+
+def log_of(
+    content: BagContent,
+    robot: RobotFile,
+    robot_file: Path | None,
+    cameras: Mapping[str, Camera],
+    elsewhere: list[str],
+) -> Log:
+    """Returns the log that a bag's content makes with a robot file."""
+    path, choice = content.path, choose(content, robot)
+    drive = _drive(robot, robot_file, choice)
+    wheels_used = choice.wheels is not None and drive is not None and _has_size(robot)
+    if not wheels_used and choice.odometry is None:
+        raise BadLog(_no_odometry(content, choice))
+    used = _used(choice, cameras, wheels_used)
+    reference = "left" if wheels_used else "odometry"
+    times = times_of(used, robot.time.stamp, reference)
+    wheels, wheel_notes = _wheels(used, times) if wheels_used else (None, ())
+    odometry = None if wheels_used else _track(used["odometry"], times["odometry"])
+    if odometry is not None and len(odometry.t) < 2:
+        raise BadLog(
+            f"{path}: {used['odometry'].label} has {len(odometry.t)} usable poses and needs at "
+            "least 2; record more"
+        )
+    truth = _track(used["truth"], times["truth"]) if "truth" in used else None
+    images = _images(content, used, times)
+    scans = _scans(content, choice, times)
+    start = robot.start
+    log = Log(
+        name=_name(path, robot),
+        folder=path,
+        robot=drive,
+        cameras=cameras,
+        start_pose=np.array(start.pose if start else (0.0, 0.0, 0.0)),
+        start_sigma=np.array(start.sigma if start else (0.0, 0.0, 0.0)),
+        start_given=start is not None,
+        wheels=wheels,
+        odometry=odometry,
+        images=images,
+        sightings=None,
+        pose_fixes=None,
+        truth=truth if truth is not None and len(truth.t) else None,
+        map=_map(robot, robot_file),
+        warnings=(),
+        digest=_digest(used, robot_file),
+        scans=scans,
+        labels={**_labels(used, choice), "map": "map.csv"},
+        described=NO_ROBOT if robot_file is None else robot_file.name,
+    )
+    warnings = (
+        *_losses(content),
+        *choice.notes,
+        *(f"{used[name].label}: {note}" for name, one in times.items() for note in one.notes),
+        *wheel_notes,
+        *(
+            f"{log.described}: camera {name!r}: present, not used by this version"
+            for name in elsewhere
+        ),
+        *_doubtful(log, content, choice, robot_file),
+    )
+    log = replace(log, warnings=tuple(dict.fromkeys(warnings)))
+    if robot.time.camera_offset:
+        log = replace(with_camera_offset(log, robot.time.camera_offset), offset_s=0.0)
+    return log
+
+
+def _has_size(robot: RobotFile) -> bool:
+    return robot.robot is not None and robot.robot.wheel_base is not None
+
+
+def _drive(robot: RobotFile, path: Path | None, choice: Choice) -> DifferentialDrive | None:
+    if robot.robot is None:
+        return None
+    try:
+        return robot.robot.drive(geometry_needed=choice.odometry is None)
+    except BadConfig as refused:
+        raise BadLog(f"{path}: [robot] {refused}") from None
+
+
+def _no_odometry(content: BagContent, choice: Choice) -> str:
+    topics = ", ".join(f"{name} ({topic.channel.type})" for name, topic in content.topics.items())
+    lost = "".join(f"; lost: {text}" for text in content.losses.texts())
+    if choice.wheels is not None:
+        return (
+            f"{content.path}: {choice.wheels[0].label} tells how the wheels turned, but not how "
+            "large they are; give a robot file with [robot] wheel_radius_left, wheel_radius_right "
+            f"and wheel_base: graphslam inspect {content.path} proposes one{lost}"
+        )
+    return (
+        f"{content.path}: nothing tells how the robot moved: there is no nav_msgs/Odometry, no "
+        "moving robot frame in tf and no JointState of wheels. Name them in a robot file ([topics],"
+        f" [frames], [joints]), or record one of them. The bag has {topics or 'no topic'}{lost}"
+    )
+
+
+def _used(choice: Choice, cameras: Mapping[str, Camera], wheels_used: bool) -> dict[str, Stream]:
+    """Returns the streams that the log is made of, by their part."""
+    used: dict[str, Stream] = {}
+    if wheels_used:
+        assert choice.wheels is not None
+        used["left"], used["right"] = choice.wheels
+    elif choice.odometry is not None:
+        used["odometry"] = choice.odometry
+    used |= {f"images {name}": s for name, s in choice.images.items() if name in cameras}
+    if choice.scans is not None:
+        used["scans"] = choice.scans
+    if choice.truth is not None:
+        used["truth"] = choice.truth
+    return used
+
+
+def _wheels(used: Mapping[str, Stream], times: Mapping[str, Times]) -> tuple[Wheels, list[str]]:
+    """Returns the wheels at the times of the left one, and what was done to their angles."""
+    notes, angles = [], {}
+    for side in ("left", "right"):
+        angle = used[side].rows(1)[times[side].row, 0]
+        if len(angle) < 2:
+            raise BadLog(f"{used[side].label} has {len(angle)} usable angles and needs at least 2")
+        if np.abs(angle).max() < 2 * np.pi + 0.01 and np.abs(np.diff(angle)).max() > np.pi:
+            notes.append(
+                f"{used[side].label}: its angles start anew at each turn; they were unrolled"
+            )
+            angle = np.unwrap(angle)
+        angles[side] = angle
+    t, other = times["left"].t, times["right"].t
+    inside = (t >= other[0]) & (t <= other[-1])
+    right = np.interp(t[inside], other, angles["right"])
+    if np.count_nonzero(inside) < 2:
+        raise BadLog(f"{used['left'].label} and {used['right'].label} have no time in common")
+    return Wheels(t[inside], np.column_stack([angles["left"][inside], right])), notes
+
+
+def _track(stream: Stream, times: Times) -> PoseTrack:
+    pose = stream.rows(3)[times.row]
+    return PoseTrack(times.t, np.column_stack([pose[:, :2], wrap(pose[:, 2])]))
+
+
+def _images(
+    content: BagContent, used: Mapping[str, Stream], times: Mapping[str, Times]
+) -> ImageList | None:
+    rows: list[tuple[float, str, BagImage]] = []
+    for part, stream in used.items():
+        if not part.startswith("images "):
+            continue
+        places, channel = stream.places(), content.topics[stream.label].channel
+        for t, row in zip(times[part].t.tolist(), times[part].row.tolist(), strict=True):
+            place = places[row]
+            image = BagImage(
+                f"{stream.label} message {row + 1}",
+                stream.image_digest[row].hex(),
+                content.files[place.file],
+                channel,
+                place,
+            )
+            rows.append((t, part.removeprefix("images "), image))
+    if not rows:
+        return None
+    rows.sort(key=lambda row: row[:2])
+    t, cameras, images = zip(*rows, strict=True)
+    return ImageList(np.array(t), images, cameras)
+
+
+def _scans(content: BagContent, choice: Choice, times: Mapping[str, Times]) -> ScanList | None:
+    stream = choice.scans
+    if stream is None or not len(times["scans"].t):
+        return None
+    places, channel = stream.places(), content.topics[stream.label].channel
+    scans = tuple(
+        BagScan(
+            f"{stream.label} message {row + 1}",
+            content.files[places[row].file],
+            channel,
+            places[row],
+            choice.laser_upside_down,
+        )
+        for row in times["scans"].row.tolist()
+    )
+    return ScanList(times["scans"].t, scans, choice.laser_pose)
+
+
+def _map(robot: RobotFile, path: Path | None) -> LandmarkMap | None:
+    if robot.map is None or path is None:
+        return None
+    return read_map(path.parent / robot.map)
+
+
+def _name(path: Path, robot: RobotFile) -> str:
+    """Returns the bag's name where the robot file gives none, without what no folder may have."""
+    if robot.name is not None:
+        return robot.name
+    path = path.resolve()
+    name = path.name if path.is_dir() else path.stem
+    plain = "".join(c if c.isprintable() and c not in '/\\:*?"<>|' else "-" for c in name[:100])
+    return plain.strip().lstrip(".") or "bag"
+
+
+def _labels(used: Mapping[str, Stream], choice: Choice) -> dict[str, str]:
+    images = [s.label for part, s in used.items() if part.startswith("images ")]
+    labels = {"images": ", ".join(images) or "no image topic", "sightings": "no sightings"}
+    if "left" in used and choice.wheels is not None:
+        labels["wheels"] = used["left"].label.partition(" joint ")[0]
+    for part in ("odometry", "scans", "truth"):
+        labels[part] = used[part].label if part in used else f"no {part} topic"
+    return labels
+
+
+def _digest(used: Mapping[str, Stream], robot_file: Path | None) -> str:
+    """Returns the SHA-256, hexadecimal, of all that was read of the streams used."""
+    total = hashlib.sha256(b"" if robot_file is None else robot_file.read_bytes())
+    for part, stream in sorted(used.items()):
+        total.update(part.encode() + stream.digest())
+    return total.hexdigest()
+
+
+def _losses(content: BagContent) -> Iterator[str]:
+    texts = content.losses.texts()
+    if texts:
+        yield (
+            f"not all of the bag could be read ({content.messages:,} messages were): "
+            f"{'; '.join(texts)}. What could be read is used; {_CURE_UNREADABLE}"
+        )
+
+
+def _doubtful(
+    log: Log, content: BagContent, choice: Choice, robot_file: Path | None
+) -> Iterator[str]:
+    """Yields warnings about what is usable, but hardly meant."""
+    missing = "give a robot file" if robot_file is None else f"describe it in {robot_file.name}"
+    for camera, stream in choice.images.items():
+        if camera not in log.cameras:
+            yield (
+                f"{stream.label}: its images are not used: camera {camera!r} is not described; "
+                f"{missing} (graphslam inspect {content.path} proposes one)"
+            )
+        yield from _unreadable(stream)
+    if log.scans is not None:
+        where = "" if choice.laser_known else _LASER_UNKNOWN
+        yield (
+            f"{log.labels['scans']}: scans are read, but no detector finds walls in them yet: they "
+            f"only say when there were scans{where}"
+        )
+    if choice.wheels is not None and log.wheels is None and log.robot is None:
+        yield (
+            f"{choice.wheels[0].label}: the wheels are not used, because nothing says how large "
+            f"they are; odometry is ({log.labels['odometry']})"
+        )
+    if not len(log.floor_images()):
+        yield "no floor images: there is only odometry to estimate from"
+
+
+_LASER_UNKNOWN = (
+    "; tf does not say where the laser is: the robot's origin is assumed, [laser] pose in a robot "
+    "file says otherwise"
+)
+
+
+def _unreadable(stream: Stream) -> Iterator[str]:
+    """Yields which encodings of a topic's images cannot be read."""
+    if stream.kind != types.IMAGE or not stream.about:
+        return
+    from frontend.encodings import KNOWN
+
+    encodings: dict[str, Any] = stream.about["encodings"]
+    for encoding, count in encodings.items():
+        if encoding not in KNOWN:
+            yield (
+                f"{stream.label}: {count} images are encoded as {encoding!r}, which this version "
+                f"cannot read; publish one of {', '.join(KNOWN)}, or compressed images"
+            )

@@ -1,0 +1,228 @@
+"""ROS 1 bags (format 2.0), record by record in the file's order, indexed or not, damaged or not."""
+
+from __future__ import annotations
+
+import struct
+from collections import OrderedDict
+from collections.abc import Iterator
+from pathlib import Path
+from threading import Lock
+from typing import BinaryIO
+
+from frontend.readers.bag_parts import (
+    BLOCK,
+    LARGEST_RECORD,
+    Broken,
+    Channel,
+    Losses,
+    Message,
+    Place,
+    Progress,
+    decompressed,
+    unpack,
+)
+from frontend.readers.bag_types import normal_type
+
+MAGIC = b"#ROSBAG V2.0\n"
+MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
+OPS = (MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION)
+LARGEST_HEADER = 2**20  # bytes of a record's header fields
+
+_U32 = struct.Struct("<I")
+_TIME = struct.Struct("<II")
+_CHUNK_OP = b"\x04\0\0\0op=\x05"
+_BEFORE_OP = 96  # bytes of a chunk's header that may stand before its op
+_KEPT_CHUNKS = 4
+
+
+class Ros1File:
+    """One ROS 1 bag."""
+
+    def __init__(self, path: Path, number: int) -> None:
+        self.path, self._number = path, number
+        self._channels: dict[int, Channel] = {}
+        self._chunks: OrderedDict[int, bytes] = OrderedDict()
+        self._lock = Lock()
+
+    def messages(self, losses: Losses, progress: Progress) -> Iterator[Message]:
+        """Yields the messages in the file's order."""
+        size = self.path.stat().st_size
+        indexed = False
+        with self.path.open("rb") as stream:
+            at = len(MAGIC)
+            while at < size:
+                try:
+                    fields, start, length = _record(stream, at, size)
+                    op = _op(fields)
+                    indexed |= op == CHUNK_INFO
+                    if op in (CHUNK, CONNECTION, MESSAGE):
+                        yield from self._top(stream, fields, at, start, length, losses)
+                    at = start + length
+                except Broken as problem:
+                    losses.add(str(problem), f"byte {at}")
+                    at = _next_chunk(stream, at + 1, size)
+                progress(min(at, size), size)
+        if not indexed:
+            losses.add(
+                "the bag has no index: recording or copying was cut off, or it was not closed",
+                f"byte {size}",
+            )
+        progress(size, size)
+
+    def read(self, place: Place) -> bytes:
+        """Returns a message's bytes."""
+        if place.chunk < 0:
+            with self.path.open("rb") as stream:
+                stream.seek(place.offset)
+                data = stream.read(place.size)
+        else:
+            data = self._chunk_at(place.chunk)[place.offset : place.offset + place.size]
+        if len(data) != place.size:
+            raise Broken("the file was changed since it was opened")
+        return data
+
+    def _chunk_at(self, at: int) -> bytes:
+        with self._lock:
+            if at not in self._chunks:
+                with self.path.open("rb") as stream:
+                    fields, start, length = _record(stream, at, self.path.stat().st_size)
+                    stream.seek(start)
+                    self._chunks[at] = _content(fields, stream.read(length))
+            self._chunks.move_to_end(at)
+            while len(self._chunks) > _KEPT_CHUNKS:
+                self._chunks.popitem(last=False)
+            return self._chunks[at]
+
+    def _top(
+        self,
+        stream: BinaryIO,
+        fields: dict[bytes, bytes],
+        at: int,
+        start: int,
+        length: int,
+        losses: Losses,
+    ) -> Iterator[Message]:
+        """Yields the messages of a record outside of chunks."""
+        if length > LARGEST_RECORD:
+            losses.add(f"a record of more than {LARGEST_RECORD} bytes is left out", f"byte {at}")
+            return
+        stream.seek(start)
+        data = stream.read(length)
+        if _op(fields) != CHUNK:
+            place = Place(self._number, -1, start, length)
+            yield from self._message(fields, memoryview(data), place)
+            return
+        try:
+            content = _content(fields, data)
+        except Broken as problem:
+            losses.add(str(problem), f"byte {at}")
+            return
+        inside = 0
+        while inside < len(content):
+            try:
+                fields, start, length = _parse(content, inside)
+            except Broken as problem:
+                losses.add(f"in a chunk, {problem}", f"byte {at}")
+                return
+            place = Place(self._number, at, start, length)
+            try:
+                yield from self._message(fields, memoryview(content)[start : start + length], place)
+            except Broken as problem:
+                losses.add(str(problem), f"byte {at}")
+            inside = start + length
+
+    def _message(
+        self, fields: dict[bytes, bytes], data: memoryview, place: Place
+    ) -> Iterator[Message]:
+        """Yields the message that a record is; notes connections."""
+        op = _op(fields)
+        if op == MESSAGE:
+            (number,) = unpack(_U32, fields.get(b"conn", b""))
+            if number not in self._channels:
+                raise Broken(f"a message of connection {number}, which is not described")
+            seconds, nanoseconds = unpack(_TIME, fields.get(b"time", b""))
+            received = 10**9 * seconds + nanoseconds
+            yield Message(self._channels[number], received, data, place)
+        elif op == CONNECTION:
+            (number,) = unpack(_U32, fields.get(b"conn", b""))
+            told = {name: value.decode("utf-8", "replace") for name, value in _fields(data).items()}
+            topic = fields.get(b"topic", b"").decode("utf-8", "replace")
+            self._channels[number] = Channel(
+                topic,
+                normal_type(told.get(b"type", "")),
+                "ros1",
+                told.get(b"message_definition", ""),
+                told.get(b"md5sum", ""),
+            )
+
+
+def _record(stream: BinaryIO, at: int, size: int) -> tuple[dict[bytes, bytes], int, int]:
+    """Returns a record's header fields, where its data begin, and how long they are."""
+    stream.seek(at)
+    (header,) = unpack(_U32, stream.read(4))
+    if header > min(LARGEST_HEADER, size - at - 8):
+        raise Broken("bytes that are no record")
+    content = stream.read(header + 4)
+    (length,) = unpack(_U32, content, header)
+    fields = _fields(content[:header])
+    _op(fields)
+    if length > size - at - 8 - header:
+        raise Broken("a record declares more bytes than are left in the file")
+    return fields, at + 8 + header, length
+
+
+def _parse(content: bytes, at: int) -> tuple[dict[bytes, bytes], int, int]:
+    """Returns the same of a record in a chunk."""
+    (header,) = unpack(_U32, content, at)
+    if header > len(content) - at - 8:
+        raise Broken("bytes that are no record")
+    fields = _fields(content[at + 4 : at + 4 + header])
+    (length,) = unpack(_U32, content, at + 4 + header)
+    start = at + 8 + header
+    if length > len(content) - start:
+        raise Broken("a record declares more bytes than are left")
+    _op(fields)
+    return fields, start, length
+
+
+def _fields(header: bytes | memoryview) -> dict[bytes, bytes]:
+    fields, at, header = {}, 0, bytes(header)
+    while at < len(header):
+        (length,) = unpack(_U32, header, at)
+        name, equals, value = header[at + 4 : at + 4 + length].partition(b"=")
+        if not equals or length > len(header) - at - 4:
+            raise Broken("bytes that are no record")
+        fields[name] = value
+        at += 4 + length
+    return fields
+
+
+def _op(fields: dict[bytes, bytes]) -> int:
+    op = fields.get(b"op", b"")
+    if len(op) != 1 or op[0] not in OPS:
+        raise Broken("bytes that are no record")
+    return op[0]
+
+
+def _content(fields: dict[bytes, bytes], data: bytes) -> bytes:
+    (size,) = unpack(_U32, fields.get(b"size", b""))
+    return decompressed(data, fields.get(b"compression", b"").decode("ascii", "replace"), size)
+
+
+def _next_chunk(stream: BinaryIO, at: int, size: int) -> int:
+    """Returns the offset of the next record that is a chunk, or ``size``."""
+    while at < size:
+        stream.seek(at)
+        block = stream.read(BLOCK + 2 * _BEFORE_OP)
+        found = block.find(_CHUNK_OP)
+        while found >= 0:
+            for start in range(max(0, found - _BEFORE_OP), found):
+                try:
+                    fields, _, _ = _record(stream, at + start, size)
+                except Broken:
+                    continue
+                if _op(fields) == CHUNK:
+                    return at + start
+            found = block.find(_CHUNK_OP, found + 1)
+        at += BLOCK
+    return size

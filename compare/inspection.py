@@ -16,22 +16,28 @@ from rich.table import Table
 from rich.text import Text
 
 from compare.results import whole_folder, write_json
+from compare.survey import ROBOT_FILE
 from frontend.inspect import Inspection, Source
 from frontend.log import Log
 from frontend.overlay import contact_sheet, write_picture
 from graphslam.errors import BadConfig
 
 FORMAT = "graphslam-inspection/1"
+SINCE_1970 = 1e8
+"""Times beyond this, s, count from 1970; they are shown from the first on."""
 FILE, PICTURE = "inspection.json", "lines.jpg"
 
 
-def write_inspection(log: Log, inspection: Inspection, out: Path) -> Path | None:
+def write_inspection(
+    log: Log, inspection: Inspection, out: Path, proposal: str | None = None
+) -> Path | None:
     """Writes ``inspection.json`` and a contact sheet of frames with their lines, if there are any.
 
     Args:
         log: that was inspected.
         inspection: what was found.
         out: the folder; that of an earlier inspection is replaced, any other is refused.
+        proposal: of a bag, the text of a proposed robot file.
 
     Returns:
         The picture, or None where the log has no image to show.
@@ -44,9 +50,18 @@ def write_inspection(log: Log, inspection: Inspection, out: Path) -> Path | None
     with whole_folder(out, check_inspection) as folder:
         content = {"format": FORMAT, **_plain(inspection), "folder": log.folder.name}
         write_json(folder / FILE, content)
+        if proposal is not None:
+            (folder / ROBOT_FILE).write_text(proposal, encoding="utf-8")
         if picture is not None:
             write_picture(folder / PICTURE, picture)
     return None if picture is None else out / PICTURE
+
+
+def write_proposal(out: Path, proposal: str) -> None:
+    """Writes a proposed robot file for a bag that is no log yet; the same folder, else empty."""
+    with whole_folder(out, check_inspection) as folder:
+        write_json(folder / FILE, {"format": FORMAT})
+        (folder / ROBOT_FILE).write_text(proposal, encoding="utf-8")
 
 
 def check_inspection(folder: Path) -> None:
@@ -93,25 +108,29 @@ def _table(title: str, *columns: str, numbers: bool = False) -> Table:
     table = Table(title=Text(title), title_justify="left", title_style="bold", box=SIMPLE)
     for number, column in enumerate(columns):
         justify: Literal["left", "right"] = "right" if numbers and number else "left"
-        table.add_column(column, justify=justify, no_wrap=not number)
+        table.add_column(column, justify=justify, overflow="fold")
     return table
 
 
 def _sources(inspection: Inspection) -> Table:
     columns = ("file", "rows", "from s", "to s", "Hz", "jitter ms", "longest step s", "overlap")
-    table = _table(inspection.name, *columns, numbers=True)
+    first = min((source.first_s for source in inspection.sources), default=0.0)
+    zero = first if first > SINCE_1970 else 0.0
+    since = f", times from t = {zero:.2f} s on" if zero else ""
+    table = _table(inspection.name + since, *columns, numbers=True)
     for source in inspection.sources:
-        table.add_row(source.file, f"{source.rows:,}", *_times(source), f"{source.overlap:.0%}")
+        cells = (f"{source.rows:,}", *_times(source, zero), f"{source.overlap:.0%}")
+        table.add_row(source.file, *cells)
     return table
 
 
-def _times(source: Source) -> tuple[str, ...]:
-    begin, end = f"{source.first_s:.2f}", f"{source.last_s:.2f}"
+def _times(source: Source, zero: float) -> tuple[str, ...]:
+    begin, end = f"{source.first_s - zero:.2f}", f"{source.last_s - zero:.2f}"
     if math.isnan(source.rate_hz):
         return begin, end, "–", "–", "–"
     gap = f"{source.gap_s:.3g}"
     if source.gap_s * source.rate_hz > 2:
-        gap += f" after {source.gap_at_s:.2f}"
+        gap += f" after {source.gap_at_s - zero:.2f}"
     return begin, end, f"{source.rate_hz:.4g}", f"{1e3 * source.jitter_s:.1f}", gap
 
 

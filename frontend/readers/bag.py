@@ -40,14 +40,23 @@ def read_bag(path: Path, robot_file: Path | None = None, progress: Progress | No
         BadLog: nothing can be made of the bag, or the robot file contradicts its format or the
             bag; the message says what is there and what to do.
     """
-    robot = RobotFile() if robot_file is None else read_robot_file(robot_file)
-    cameras, elsewhere = {}, []
+    robot = robot_of(robot_file)
     if robot_file is not None:
-        cameras, elsewhere = floor_cameras(robot_file, robot)  # before the long part
+        floor_cameras(robot_file, robot)  # what is wrong with them is told before the long part
+    return open_collected(open_content(path, progress), robot, robot_file)
+
+
+def robot_of(path: Path | None) -> RobotFile:
+    """Returns a robot file's content, or of none what holds without one."""
+    return RobotFile() if path is None else read_robot_file(path)
+
+
+def open_content(path: Path, progress: Progress | None = None) -> BagContent:
+    """Returns what a bag holds; raises BadLog where nothing of it can be read."""
     content = collect(path, progress)
     if not content.messages:
         raise BadLog(f"{path}: nothing of it can be read: {_why(content)}; {_CURE_UNREADABLE}")
-    return log_of(content, robot, robot_file, cameras, elsewhere)
+    return content
 
 
 _CURE_UNREADABLE = "copy it again from the robot, or record again"
@@ -57,14 +66,12 @@ def _why(content: BagContent) -> str:
     return "; ".join(content.losses.texts()) or "it holds no message"
 
 
-def log_of(
-    content: BagContent,
-    robot: RobotFile,
-    robot_file: Path | None,
-    cameras: Mapping[str, Camera],
-    elsewhere: list[str],
-) -> Log:
-    """Returns the log that a bag's content makes with a robot file."""
+def open_collected(content: BagContent, robot: RobotFile, robot_file: Path | None) -> Log:
+    """Returns the log that a bag's content makes; raises BadLog where it makes none."""
+    cameras: dict[str, Camera] = {}
+    elsewhere: list[str] = []
+    if robot_file is not None:
+        cameras, elsewhere = floor_cameras(robot_file, robot)
     path, choice = content.path, choose(content, robot)
     drive = _drive(robot, robot_file, choice)
     wheels_used = choice.wheels is not None and drive is not None and _has_size(robot)
@@ -85,7 +92,7 @@ def log_of(
     scans = _scans(content, choice, times)
     start = robot.start
     log = Log(
-        name=_name(path, robot),
+        name=bag_name(path, robot),
         folder=path,
         robot=drive,
         cameras=cameras,
@@ -242,7 +249,7 @@ def _map(robot: RobotFile, path: Path | None) -> LandmarkMap | None:
     return read_map(path.parent / robot.map)
 
 
-def _name(path: Path, robot: RobotFile) -> str:
+def bag_name(path: Path, robot: RobotFile) -> str:
     """Returns the bag's name where the robot file gives none, without what no folder may have."""
     if robot.name is not None:
         return robot.name

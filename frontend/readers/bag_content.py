@@ -224,7 +224,11 @@ def _stream(found: BagContent, topic: str, message: Message) -> Stream:
 
 
 def _planar(position: Any, turn: Any) -> tuple[float, float, float]:
-    heading = float(yaw(np.array([turn.x, turn.y, turn.z, turn.w])))
+    q = (float(turn.x), float(turn.y), float(turn.z), float(turn.w))
+    _check(q)
+    if not any(q):
+        raise types.Undecodable("holds a quaternion of zeros: no direction")
+    heading = float(yaw(np.array(q)))
     return float(position.x), float(position.y), heading
 
 

@@ -75,10 +75,13 @@ class SqliteFile:
     def _connect(self) -> sqlite3.Connection:
         uri = self.path.resolve().as_uri()
         try:
-            data_base = sqlite3.connect(f"{uri}?mode=ro", uri=True, check_same_thread=False)
+            data_base = sqlite3.connect(f"{uri}?mode=ro", uri=True)
+            # without it SQLite refuses a file that was cut off; nothing can be written all the same
+            data_base.execute("PRAGMA writable_schema = ON")
             data_base.execute("SELECT 1 FROM sqlite_master").fetchone()
         except sqlite3.OperationalError:  # a read-only folder keeps a write-ahead log from opening
-            data_base = sqlite3.connect(f"{uri}?immutable=1", uri=True, check_same_thread=False)
+            data_base = sqlite3.connect(f"{uri}?immutable=1", uri=True)
+            data_base.execute("PRAGMA writable_schema = ON")
         return data_base
 
     def _message(

@@ -87,9 +87,9 @@ class Bag:
     def __exit__(self, *ignored: object) -> None:
         self.writer.close()
 
-    def type(self, name: str, **fields: Any) -> Any:
+    def type(self, kind: str, /, **fields: Any) -> Any:
         """Returns a message."""
-        return self.store.types[name](**fields)
+        return self.store.types[kind](**fields)
 
     def header(self, t: float, frame: str = "") -> Any:
         """Returns a header."""

@@ -49,7 +49,7 @@ def test_wheels_are_joints_by_name_and_turns_that_start_anew_are_added_up(tmp_pa
     assert log.wheels is not None
     np.testing.assert_allclose(log.wheels.t, 0.1 * np.arange(60), atol=1e-9)
     np.testing.assert_allclose(log.wheels.angle, np.column_stack([angle, -angle / 20]), atol=1e-9)
-    assert any("the turns were added up" in warning for warning in log.warnings)
+    assert any("angles start anew at each turn" in warning for warning in log.warnings)
 
 
 def test_odometry_and_the_laser_come_from_tf_also_upside_down(tmp_path: Path):

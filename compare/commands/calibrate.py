@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from tyro.conf import arg
@@ -13,19 +13,26 @@ from tyro.conf import arg
 from compare.commands.common import DONE, USAGE, ConfigFile
 from graphslam.errors import BadConfig
 
+if TYPE_CHECKING:
+    from compare.config import RunConfig
+
 File = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
 Flag = tyro.conf.UseCounterAction[int]
 
 
 @dataclass(frozen=True, slots=True)
 class Calibrate:
-    """Find the noise that fits a log, or where the floor is in a camera's image.
+    """Find the noise that fits a log, the clock of its camera, or the floor in its image.
 
     Noise of sightings and wheels (LOG --noise) comes from ground truth where the log has it, else
     from the filter's innovations. A camera comes from points of the floor that you measured
     (--points), from round marks in an image (--dots) or from a chessboard (--chessboard).
 
+    The camera's clock (LOG --time-offset) comes from turns while lines are seen.
+
     Example: graphslam calibrate my-log --noise --out noise.toml
+
+    Example: graphslam calibrate my-log --time-offset --out clock.toml
 
     Example: graphslam calibrate --points points.csv --image floor.png --picture points.png
     """
@@ -33,9 +40,13 @@ class Calibrate:
     log: Annotated[
         Path | None, tyro.conf.Positional, arg(metavar="[LOG]", help_behavior_hint="")
     ] = None
-    """Log folder, for --noise."""
+    """Log folder or bag, for --noise and --time-offset."""
     noise: Annotated[Flag, arg(help_behavior_hint="")] = 0
     """Find the noise of sightings and wheels."""
+    time_offset: Annotated[Flag, arg(help_behavior_hint="")] = 0
+    """Find the constant offset between the clocks of camera and wheels, with its sigma."""
+    robot: File = None
+    """Robot file of a bag (docs/bags.md), for --noise and --time-offset."""
     points: File = None
     """Find the camera from a table u,v,x,y: raw pixels, and metres in the robot frame (x forward,
     y left, origin midway between the wheels); four points or more."""
@@ -69,12 +80,14 @@ class Calibrate:
     """TOML file to write: settings for `graphslam run LOG --config FILE`, or [camera] for
     log.toml."""
     config_file: ConfigFile = None
-    """TOML file of settings to begin from, as `graphslam config` prints them; for --noise."""
+    """TOML file of settings to begin from, as `graphslam config` prints them; for --noise and
+    --time-offset."""
 
     def execute(self) -> int:
         """Prints what was found and, where asked to, writes it."""
         ways = {
             "--noise": bool(self.noise),
+            "--time-offset": bool(self.time_offset),
             "--points": self.points is not None,
             "--dots": self.dots is not None,
             "--chessboard": self.chessboard is not None,
@@ -83,28 +96,54 @@ class Calibrate:
         if len(given) != 1:
             found = " and ".join(given) or "none of them"
             return _wrong(f"calibrate needs one of {', '.join(ways)}: what to find; found {found}")
-        if (self.log is None) == bool(self.noise):
-            return _wrong("LOG goes with --noise, and --noise with LOG")
+        of_log = bool(self.noise or self.time_offset)
+        if (self.log is None) == of_log:
+            return _wrong("LOG goes with --noise or --time-offset, and these with LOG")
         for file in (self.out, self.picture):
             if file is not None and file.is_dir():
                 raise BadConfig(f"{file}: is a folder; give a file to --out and --picture")
+        if self.time_offset:
+            return self._time_offset()
         return self._noise() if self.noise else self._camera()
 
     def _noise(self) -> int:
         from compare.calibration import calibrate_noise, noise_toml, print_noise
-        from compare.config import RunConfig, load_config
         from compare.console import Progress
-        from frontend.log import open_log
+        from compare.run import open_as
 
         assert self.log is not None, "checked before"
-        log = open_log(self.log)
-        config = RunConfig() if self.config_file is None else load_config(self.config_file)
+        config = self._config()
         with Progress() as progress:
+            log = open_as(self.log, config, progress)
             found = calibrate_noise(log, config, progress)
         print_noise(found, log)
         if self.out is not None:
             _write(self.out, noise_toml(found, log.name).encode())
         return DONE
+
+    def _time_offset(self) -> int:
+        from compare.console import Progress
+        from compare.run import open_as
+        from compare.time_offset import estimate_time_offset, offset_toml, print_offset
+
+        assert self.log is not None, "checked before"
+        config = self._config()
+        config = replace(config, extract=replace(config.extract, camera_offset_s=0.0))
+        with Progress() as progress:
+            log = open_as(self.log, config, progress)
+            found = estimate_time_offset(log, config, progress)
+        print_offset(found, log)
+        if self.out is not None:
+            _write(self.out, offset_toml(found, config, log.name).encode())
+        return DONE
+
+    def _config(self) -> RunConfig:
+        from compare.config import RunConfig, load_config
+
+        config = RunConfig() if self.config_file is None else load_config(self.config_file)
+        if self.robot is not None:
+            config = replace(config, extract=replace(config.extract, robot=str(self.robot)))
+        return config
 
     def _camera(self) -> int:
         from compare.camera_calibration import calibrate_floor, print_camera

@@ -1,0 +1,85 @@
+"""An offset between the clocks of camera and wheels: found, applied, and what the map gains."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compare.cli import main
+from compare.config import RunConfig
+from compare.run import open_as, run_opened
+from compare.time_offset import estimate_time_offset
+from frontend.log import Log, open_log, with_camera_offset
+from graphslam.errors import BadLog
+from tests.compare.tiny_log import write_tiny_log
+
+ROOT = Path(__file__).resolve().parents[2]
+PUT_IN_S = 0.08
+
+
+@pytest.fixture(scope="module")
+def late() -> Log:
+    """The bundled sample, its images stamped 80 ms too early."""
+    log = open_log(ROOT / "data" / "sample")
+    return replace(with_camera_offset(log, -PUT_IN_S), offset_s=0.0)
+
+
+def map_error(folder: Path, method: str) -> float:
+    metrics = json.loads((folder / "metrics.json").read_text())
+    return float(metrics["methods"][method]["map"]["rho_rmse_m"])
+
+
+def test_80_ms_are_found_within_5_and_the_map_is_better_with_them(late: Log, tmp_path: Path):
+    found = estimate_time_offset(late)
+    assert abs(found.offset_s - PUT_IN_S) < 0.005
+    assert 0.0 < found.sigma_s < 0.003
+    assert abs(found.offset_s - PUT_IN_S) < 3 * found.sigma_s
+    assert found.cost < 0.5 * found.cost_at_zero
+    config = RunConfig(methods=("ekf", "smoother"))
+    right = replace(config, extract=replace(config.extract, camera_offset_s=found.offset_s))
+    run_opened(late, tmp_path / "without", config, report=False)
+    run_opened(late, tmp_path / "with", right, report=False)
+    for method in ("ekf", "smoother"):
+        before, after = (map_error(tmp_path / name, method) for name in ("without", "with"))
+        print(f"{method}: map RMSE {1e3 * before:.2f} mm without, {1e3 * after:.2f} mm with")
+        assert after < 0.5 * before
+
+
+def test_the_command_writes_settings_that_run_takes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.chdir(tmp_path)
+    write_tiny_log(tmp_path / "log", nodes=150)
+    assert main(["calibrate", "log", "--time-offset", "--out", "clock.toml"]) == 0
+    told = capsys.readouterr().out
+    number = re.search(r"camera_offset = (\S+)", told)
+    assert number is not None
+    written = tomllib.loads(Path("clock.toml").read_text())["extract"]["camera_offset_s"]
+    assert written == pytest.approx(float(number[1]), abs=1e-4)
+    assert main(["extract", "log", "--out", "a", "--config", "clock.toml"]) == 0
+    log = open_as(
+        "log", replace(RunConfig(), extract=replace(RunConfig().extract, camera_offset_s=written))
+    )
+    assert log.sightings is not None
+    plain = open_log("log").sightings
+    assert plain is not None
+    np.testing.assert_allclose(log.sightings.t - plain.t, written, atol=1e-12)
+
+
+def test_a_log_that_shows_no_lines_says_that_nothing_tells_the_clock(tmp_path: Path):
+    folder = write_tiny_log(tmp_path / "log")
+    (folder / "sightings.csv").unlink()
+    (folder / "tags.csv").write_text("t,x,y,theta\n1,0,0,0\n")
+    with pytest.raises(BadLog, match="no line is seen, so nothing tells the camera's clock"):
+        estimate_time_offset(open_log(folder))
+
+
+def test_usage_is_told(capsys: pytest.CaptureFixture[str]):
+    assert main(["calibrate", "--time-offset"]) == 2
+    assert "LOG goes with --noise or --time-offset" in capsys.readouterr().err

@@ -12,10 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from compare.agreement import Agreement, agreement
+from compare.bound import Bound, bound_at_truth, bound_of
+from compare.consistency import Consistency, Overconfidence, consistency, overconfidence
 from compare.maps import MapMetrics, map_metrics
 from compare.matching import MatchingTable, matching_table
 from compare.metrics import TrajectoryMetrics, pose_nees, rms, trajectory
 from compare.truth import Truth, truth_of
+from graphslam.config import Engine
 from graphslam.errors import BadMeasurements
 from graphslam.estimate import Estimate, Unobserved
 from graphslam.geometry import Array
@@ -38,6 +41,8 @@ class MethodMetrics:
         causal: whether the pose at time t uses only data up to t.
         trajectory: errors of the path; None without a true path.
         pose_nees: NEES of the poses per degree of freedom; NaN where not defined.
+        consistency: squared errors over covariances along the way; None where `pose_nees` is not
+            defined.
         map: errors of the map; None without true lines, or without lines in the map.
         matching: which sightings were taken for what; None where no true landmark is known.
         landmarks: landmarks in the map.
@@ -73,9 +78,15 @@ class MethodMetrics:
     cost: float = float("nan")
     iterations: int = 0
     converged: bool = True
+    consistency: Consistency | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "counts", MappingProxyType(dict(self.counts)))
+
+    @property
+    def overconfidence(self) -> Overconfidence | None:
+        """In which coordinate it is overconfident, how much, and from where on; None if in none."""
+        return None if self.consistency is None else overconfidence(self.consistency)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +99,7 @@ class Comparison:
         truth: what is true about it.
         methods: one entry a method, in the order given.
         agreement: how any two of them differ.
+        bound: how well path, last pose and map can be known at all; None where nothing tells.
     """
 
     log: str
@@ -95,6 +107,7 @@ class Comparison:
     truth: Truth
     methods: tuple[MethodMetrics, ...]
     agreement: tuple[Agreement, ...]
+    bound: Bound | None = None
 
     def __getitem__(self, method: str) -> MethodMetrics:
         """Returns the entry of a method; KeyError where it was not compared."""
@@ -124,7 +137,10 @@ class Comparison:
 
 
 def compare(
-    log: Log | None, measurements: Measurements, estimates: Sequence[Estimate]
+    log: Log | None,
+    measurements: Measurements,
+    estimates: Sequence[Estimate],
+    engine: Engine = "gtsam",
 ) -> Comparison:
     """Returns errors, consistency and agreement of estimates made from the same measurements.
 
@@ -132,6 +148,7 @@ def compare(
         log: the recording, for its truth; None where only measurements are at hand.
         measurements: what the estimates were made from.
         estimates: one a method.
+        engine: who computes the bound.
 
     Raises:
         BadMeasurements: an estimate belongs to other measurements, or two have one name.
@@ -153,7 +170,21 @@ def compare(
         truth=truth,
         methods=tuple(_judge(estimate, measurements, truth, start) for estimate in estimates),
         agreement=tuple(agreement(a, b, measurements) for a, b in combinations(estimates, 2)),
+        bound=_bound(measurements, truth, estimates, engine),
     )
+
+
+def _bound(
+    measurements: Measurements, truth: Truth, estimates: Sequence[Estimate], engine: Engine
+) -> Bound | None:
+    """Returns the bound at the truth, or else at the first smoothed estimate, which is its own."""
+    at_truth = bound_at_truth(measurements, truth, engine)
+    if at_truth is not None:
+        return bound_of(at_truth, measurements, "truth", truth)
+    for estimate in estimates:
+        if not estimate.causal and estimate.used.any():
+            return bound_of(estimate, measurements, "estimate", truth)
+    return None
 
 
 def known_start(log: Log | None) -> Array | None:
@@ -169,12 +200,15 @@ def _judge(
     path = trajectory(estimate, truth)
     path_motion = truth.truth_T_start if path is None else path.truth_T_estimate
     position = np.sqrt(np.trace(estimate.cov_floor[:, :2, :2], axis1=1, axis2=2))
+    honesty = pose_nees(estimate, truth, start)
+    start_known = math.isfinite(honesty)
     return MethodMetrics(
         method=estimate.method,
         causal=estimate.causal,
         trajectory=path,
-        pose_nees=pose_nees(estimate, truth, start),
-        map=map_metrics(estimate, measurements, truth, path_motion),
+        pose_nees=honesty,
+        consistency=consistency(estimate, truth) if start_known else None,
+        map=map_metrics(estimate, measurements, truth, path_motion, start_known),
         matching=matching_table(estimate, measurements, truth),
         landmarks=len(estimate.map),
         sightings=len(estimate.match),

@@ -11,6 +11,7 @@ import numpy as np
 
 from compare.agreement import Agreement, MapAgreement
 from compare.comparison import Comparison, MethodMetrics
+from compare.consistency import Overconfidence
 from compare.maps import MapLines, MapMetrics
 from compare.matching import MatchingTable
 
@@ -33,6 +34,7 @@ def comparison_content(comparison: Comparison) -> dict[str, Any]:
             "sightings_labelled": truth.labelled,
         },
         "methods": {entry.method: _method(entry) for entry in comparison.methods},
+        "bound": None if comparison.bound is None else _columns(comparison.bound),
         "agreement": [_agreement(entry) for entry in comparison.agreement],
         "verdict": comparison.verdict,
     }
@@ -64,18 +66,24 @@ def _rows(columns: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def _method(entry: MethodMetrics) -> dict[str, Any]:
     return {
-        **_columns(entry, "method", "trajectory", "map", "matching", "unobserved"),
+        **_columns(entry, "method", "trajectory", "map", "matching", "unobserved", "consistency"),
         "trajectory": None if entry.trajectory is None else _columns(entry.trajectory),
         "map": None if entry.map is None else _map(entry.map),
         "map_nees": None if entry.map is None else entry.map.nees,
         "map_nees_freedom": None if entry.map is None else entry.map.nees_freedom,
+        "map_start_nees": None if entry.map is None else entry.map.start_nees,
+        "overconfident": _overconfident(entry.overconfidence),
         "matching": None if entry.matching is None else _matching(entry.matching),
         "unobserved": [_columns(u) | {"text": str(u)} for u in entry.unobserved],
     }
 
 
+def _overconfident(entry: Overconfidence | None) -> dict[str, Any] | None:
+    return None if entry is None else _columns(entry) | {"text": str(entry)}
+
+
 def _map(entry: MapMetrics) -> dict[str, Any]:
-    figures = _columns(entry, "nees", "nees_freedom", "lines")
+    figures = _columns(entry, "nees", "nees_freedom", "start_nees", "lines")
     return {**figures, "lines": _rows(_line_columns(entry.lines))}
 
 

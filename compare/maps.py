@@ -78,6 +78,9 @@ class MapMetrics:
         unaligned_alpha_rmse_deg: as `alpha_rmse_deg`, moved likewise.
         nees: joint NEES per degree of freedom, up to a rigid motion; see `metrics.map_nees`.
         nees_freedom: its degrees of freedom.
+        start_nees: the same, two degrees of freedom a line, with the frame of the start as the
+            frame: where the robot takes its map to lie counts, too. NaN where the start is not
+            known exactly.
         missed_id: identities of the missed lines.
         truth_T_estimate: (3,) the map's own rigid motion, m and rad.
         lines: the table behind these figures.
@@ -96,6 +99,7 @@ class MapMetrics:
     unaligned_alpha_rmse_deg: float
     nees: float
     nees_freedom: int
+    start_nees: float
     missed_id: tuple[int, ...]
     truth_T_estimate: Array
     lines: MapLines
@@ -105,7 +109,11 @@ class MapMetrics:
 
 
 def map_metrics(
-    estimate: Estimate, measurements: Measurements, truth: Truth, path_motion: Array
+    estimate: Estimate,
+    measurements: Measurements,
+    truth: Truth,
+    path_motion: Array,
+    start_known: bool = False,
 ) -> MapMetrics | None:
     """Returns the map's errors, or None where either map has no lines.
 
@@ -117,6 +125,7 @@ def map_metrics(
         truth: true lines and the true line of each sighting.
         path_motion: (3,) ``truth_T_estimate`` of the aligned path: where the search begins, and
             the answer along directions that the lines do not fix.
+        start_known: whether the start is known exactly, and the true path begins there.
     """
     rows, _ = estimate.map.of_kind(LINE.kind)
     rows = rows[rows >= known_count(measurements)]
@@ -135,7 +144,9 @@ def map_metrics(
     e, _ = line_differences(
         truth.truth_T_start, lines[matched], middle[matched], truth.lines[target[matched]]
     )
-    nees, freedom = _nees(estimate, rows[matched], truth.lines[target[matched]], motion)
+    pairs = rows[matched], truth.lines[target[matched]]
+    nees, freedom = _nees(estimate, *pairs, motion)
+    start_nees, _ = _nees(estimate, *pairs, truth.truth_T_start, frame_known=True)
     found = np.isin(np.arange(len(seen)), target[matched])
     true = truth.lines[target[matched]]
     shifts = 1 if len(true) and unobserved_direction(true) is not None else 2
@@ -156,6 +167,7 @@ def map_metrics(
         unaligned_alpha_rmse_deg=math.degrees(rms(e[:, 1])),
         nees=nees,
         nees_freedom=freedom,
+        start_nees=start_nees if start_known else float("nan"),
         missed_id=() if truth.seen is None else tuple(truth.line_id[seen & ~found].tolist()),
         truth_T_estimate=motion,
         lines=table,
@@ -222,7 +234,11 @@ def _table(
 
 
 def _nees(
-    estimate: Estimate, rows: IntArray, true_lines: Array, motion: Array
+    estimate: Estimate,
+    rows: IntArray,
+    true_lines: Array,
+    motion: Array,
+    frame_known: bool = False,
 ) -> tuple[float, int]:
     """Returns `map_nees` of matched lines, the true ones moved into the estimate's frame."""
     lines = estimate.map.params[rows][:, : LINE.dim_landmark]
@@ -231,4 +247,4 @@ def _nees(
     difference[:, 1] = wrap(difference[:, 1])
     place = (estimate.map.offsets()[rows][:, None] + np.arange(LINE.dim_landmark)).ravel()
     cov = estimate.cov_joint[np.ix_(place, place)]
-    return map_nees(difference, true, cov)
+    return map_nees(difference, true, cov, frame_known)

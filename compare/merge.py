@@ -15,7 +15,7 @@ from compare.results import map_columns, write_csv, write_json
 from compare.two_maps import MapPair, compare_sources
 from compare.two_maps_sources import MERGED_FORMAT, Source, open_sources
 from compare.two_maps_tables import motion_content
-from compare.two_maps_words import probability
+from compare.two_maps_words import ambiguity_text, probability
 from graphslam.errors import BadConfig
 from graphslam.estimate import Estimate
 from graphslam.line_maps.config import AlignmentConfig
@@ -111,12 +111,12 @@ def _check_pair(pair: MapPair) -> None:
             f"{b}: the common lines with {a} all run one way, so that nothing fixes the shift "
             "along them; merge maps that share lines of two directions"
         )
-    if pair.ambiguity is not None and len(pair.ambiguity.equal) > 1:
-        best = motion_content(pair.alternatives[0])
+    if not pair.sure:
+        best = motion_content(pair.alternatives[0].motion)
         raise BadConfig(
-            f"{b}: {pair.ambiguity}, so that nothing tells where it lies in {a}; say where its "
-            "frame is, about, with --near X Y DEG (metres, metres, degrees), such as --near "
-            f"{best['x_m']:.2f} {best['y_m']:.2f} {best['turn_deg']:.0f}"
+            f"{b}: {ambiguity_text(pair)}, so that nothing tells where it lies in {a}; say where "
+            "its frame is, about, with --near X Y DEG (metres, metres, degrees), such as --near "
+            f"{round(best['x_m'], 2) + 0.0} {round(best['y_m'], 2) + 0.0} {best['turn_deg']:.0f}"
         )
 
 

@@ -127,7 +127,9 @@ def nees(error: Array, cov: Array) -> Array:
     return np.asarray(np.mean(whitened[..., 0] ** 2, axis=1))
 
 
-def map_nees(difference: Array, true_lines: Array, cov: Array) -> tuple[float, int]:
+def map_nees(
+    difference: Array, true_lines: Array, cov: Array, frame_known: bool = False
+) -> tuple[float, int]:
     """Returns the joint NEES per degree of freedom of lines up to a rigid motion, and that number.
 
     It is the minimum over motions g of (e + J g)' C^-1 (e + J g) / (2 M - rank J), with rows of J
@@ -138,6 +140,7 @@ def map_nees(difference: Array, true_lines: Array, cov: Array) -> tuple[float, i
         difference: (M, 2) estimated line minus true line in one frame, twins settled, m and rad.
         true_lines: (M, 2) true lines in that frame; only their angles count.
         cov: (2 M, 2 M) joint covariance of the estimated lines.
+        frame_known: whether the frame counts, too: nothing is minimised over.
 
     Returns:
         NaN and 0 where no degree of freedom is left (one line, or none), or where the covariance
@@ -148,6 +151,7 @@ def map_nees(difference: Array, true_lines: Array, cov: Array) -> tuple[float, i
     J[:, 1, 2] = 1.0
     U, strength, _ = np.linalg.svd(J.reshape(-1, 3), full_matrices=False)
     motions = U[:, strength > RANK_TOLERANCE * strength.max(initial=0.0)]
+    motions = motions[:, :0] if frame_known else motions
     freedom = motions.shape[0] - motions.shape[1]
     try:
         root = np.linalg.cholesky(cov)

@@ -26,6 +26,8 @@ WIDTHS = (3.2, 1.2)
 PATH_WIDTHS = (2.2, 0.9)
 MARGIN = 0.04
 """Free space around a plan, part of its size."""
+ROOM = 1.12
+"""Half the height of a plot of differences over the largest of them."""
 QUANTITIES = (("x", "mm", 1e3), ("y", "mm", 1e3), ("heading", "°", 180.0 / np.pi))
 
 
@@ -109,7 +111,8 @@ def differences(pair: MapPair, name: str) -> Plot | None:
         ax.bar(at, 2.0 * spread, 0.5, -spread, color=colours(pair)[1], alpha=0.22, lw=0)
         ax.plot(at, columns[key], "o", ms=4.0, mew=0, color=colours(pair)[1])
         ax.axhline(0.0, color=INK, lw=0.6, alpha=0.5)
-        ax.set_ylabel(label)
+        most = np.maximum(spread, np.abs(columns[key])).max()
+        ax.set(ylabel=label, ylim=(-ROOM * most, ROOM * most) if most > 0 else None)
         every = stride(count, MOST_TICKS)
         ax.set_xticks(at[::every], [str(i) for i in columns["line_first"][::every]])
         ax.set_xlim(-0.7, count - 0.3)

@@ -215,7 +215,10 @@ def run_opened(
     estimates, failed = run_methods(measurements, config, clock)
     if failed and not estimates:
         raise next(iter(failed.values()))
-    comparison = clock("compare", lambda: compare(log, measurements, list(estimates.values())))
+    engine = config.smoother.engine
+    comparison = clock(
+        "compare", lambda: compare(log, measurements, list(estimates.values()), engine)
+    )
     frames = clock("thumbnails", lambda: take_frames(log, measurements, estimates))
     info = _info(log, measurements, config, estimates)
     info["failed"] = {name: str(error) for name, error in failed.items()}

@@ -13,7 +13,6 @@ import numpy as np
 from compare.agreement import agreement
 from compare.align import rigid_from_points
 from compare.arrays import freeze_arrays
-from compare.metrics import rms
 from compare.two_maps_sources import (
     MEASUREMENTS_FILE,
     Relation,
@@ -21,8 +20,9 @@ from compare.two_maps_sources import (
     open_sources,
     relation,
 )
+from compare.two_paths import FEWEST_POSES, PathDifference, common_times, path_difference
 from graphslam.errors import BadConfig
-from graphslam.geometry import Array, compose, interpolate_poses, wrap
+from graphslam.geometry import Array, interpolate_poses
 from graphslam.line_maps.alignment import (
     Alignment,
     align_matches,
@@ -31,42 +31,13 @@ from graphslam.line_maps.alignment import (
 )
 from graphslam.line_maps.ambiguity import Ambiguity, ambiguity
 from graphslam.line_maps.chi2 import MapTest, same_map
+from graphslam.line_maps.choice import RULED_OUT, Choice, choose
 from graphslam.line_maps.config import AlignmentConfig
 from graphslam.measurements import IntArray, Measurements
 from graphslam.models.line import LINE
 
-FEWEST_POSES = 3
-"""Common times below which paths are not compared."""
 Tie = Literal["searched", "asked", "start", "path"]
 """How the frames of two maps were brought together."""
-
-
-@dataclass(frozen=True, slots=True)
-class PathDifference:
-    """How two paths differ at common times, second minus first.
-
-    Attributes:
-        t: (n,) common times: those of the first that the second covers, s.
-        difference: (n, 3) in the first's frame, m and rad, heading wrapped; frames tied as the
-            maps' are.
-        sigma: (n, 3) standard deviations of the first's poses, NaN where unknown.
-        sigma_second: (n, 3) of the second's.
-        aligned_rms_m: RMS distance after the rigid motion that lays the paths best on each other.
-    """
-
-    t: Array
-    difference: Array
-    sigma: Array
-    sigma_second: Array
-    aligned_rms_m: float
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
-
-    @property
-    def distance(self) -> Array:
-        """(n,) distance of the two positions, m."""
-        return np.hypot(self.difference[:, 0], self.difference[:, 1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +53,9 @@ class MapPair:
             common clock.
         alignment: of b's lines on a's; None where none agree, or either has no lines.
         ambiguity: whether another alignment fits as well; None unless it was searched.
-        alternatives: (E, 3) motions of all alignments that fit equally well, the one taken first.
+        alternatives: all alignments that fit equally well, the one taken first; none unless it was
+            searched.
+        choice: what the lines' differences say about those, in their order; None likewise.
         test: the differences of the lines; None without an alignment.
         motion: (3,) ``a_T_b`` that everything is drawn with.
         path: how the paths differ; None where they cannot be compared.
@@ -95,7 +68,8 @@ class MapPair:
     tied: Tie
     alignment: Alignment | None
     ambiguity: Ambiguity | None
-    alternatives: Array
+    alternatives: tuple[Alignment, ...]
+    choice: Choice | None
     test: MapTest | None
     motion: Array
     path: PathDifference | None
@@ -103,6 +77,18 @@ class MapPair:
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
+
+    @property
+    def sure(self) -> bool:
+        """Whether the alignment is the only one that can be right, as far as the maps tell.
+
+        Where there may be more than were looked at, its differences have to be small, too.
+        """
+        if self.ambiguity is None or self.choice is None:
+            return self.alignment is not None
+        if self.choice.in_question > 1:
+            return False
+        return not self.ambiguity.more or self.choice.tests[0].probability >= RULED_OUT
 
     @property
     def only_a(self) -> IntArray:
@@ -175,15 +161,16 @@ def compare_maps(
 def _pair(a: Source, b: Source, near: Array | None, config: AlignmentConfig) -> MapPair:
     common = relation(a, b)
     tied, start = _tie(a, b, common, near)
-    alignment, unsure = None, None
-    alternatives = np.zeros((0, 3))
+    alignment, unsure, choice = None, None, None
+    alternatives: tuple[Alignment, ...] = ()
     if len(a.map) and len(b.map):
         if tied == "searched":
             found = find_alignments(a.map, b.map, config)
             unsure = ambiguity(found, b.map, config)
             if unsure is not None:
-                alignment = found[0]
-                alternatives = np.array([found[k].motion for k in unsure.equal])
+                choice = choose(found, unsure, a.map, b.map, common.independent, config)
+                alternatives = tuple(found[k] for k in choice.rows)
+                alignment = alternatives[0]
         else:
             alignment = _aligned_near(a, b, common, start, config)
     if alignment is None and near is not None:
@@ -193,8 +180,21 @@ def _pair(a: Source, b: Source, near: Array | None, config: AlignmentConfig) -> 
         )
     test = None if alignment is None else same_map(a.map, b.map, alignment, common.independent)
     motion = start if tied == "start" or test is None else test.motion
-    path, no_path = _paths(a, b, common, motion)
-    return MapPair(a, b, common, tied, alignment, unsure, alternatives, test, motion, path, no_path)
+    path, no_path = path_difference(a, b, common, motion)
+    return MapPair(
+        a=a,
+        b=b,
+        relation=common,
+        tied=tied,
+        alignment=alignment,
+        ambiguity=unsure,
+        alternatives=alternatives,
+        choice=choice,
+        test=test,
+        motion=motion,
+        path=path,
+        no_path=no_path,
+    )
 
 
 def _tie(a: Source, b: Source, common: Relation, near: Array | None) -> tuple[Tie, Array]:
@@ -203,7 +203,7 @@ def _tie(a: Source, b: Source, common: Relation, near: Array | None) -> tuple[Ti
         return "asked", near
     if common.same_log and a.is_estimate and b.is_estimate:
         return "start", np.zeros(3)
-    t = _common_times(a, b)
+    t = common_times(a, b)
     if common.same_log and len(t) >= FEWEST_POSES:
         first, second = (interpolate_poses(t, s.t, s.pose)[:, :2] for s in (a, b))
         return "path", rigid_from_points(second, first)
@@ -233,49 +233,6 @@ def _same_sightings(a: Source, b: Source) -> IntArray | None:
     sides = ((a.estimate, found.row_a), (b.estimate, found.row_b))
     columns = [np.searchsorted(e.map.of_kind(LINE.kind)[0], rows) for e, rows in sides]
     return np.column_stack(columns)
-
-
-def _common_times(a: Source, b: Source) -> Array:
-    if not len(a.t) or not len(b.t):
-        return np.zeros(0)
-    return a.t[(a.t >= b.t[0]) & (a.t <= b.t[-1])]
-
-
-def _paths(
-    a: Source, b: Source, common: Relation, motion: Array
-) -> tuple[PathDifference | None, str]:
-    """Returns how the paths differ, or None and the reason."""
-    without = [source.label for source in (a, b) if not len(source.t)]
-    if without:
-        return None, f"{' and '.join(without)} has no path" if len(without) == 1 else "no paths"
-    files = "path file" in (a.what, b.what)
-    if not common.same_log and not files:
-        return None, "the logs differ, so that their clocks have nothing in common"
-    t = _common_times(a, b)
-    if len(t) < FEWEST_POSES:
-        return None, f"{len(t)} common times are too few"
-    first = interpolate_poses(t, a.t, a.pose)
-    second = compose(motion, interpolate_poses(t, b.t, b.pose))
-    if files and not common.same_log:
-        second = compose(rigid_from_points(second[:, :2], first[:, :2]), second)
-    difference = second - first
-    difference[:, 2] = wrap(difference[:, 2])
-    best = rigid_from_points(second[:, :2], first[:, :2])
-    left = (compose(best, second) - first)[:, :2]
-    return (
-        PathDifference(
-            t, difference, _sigma_at(t, a), _sigma_at(t, b), rms(np.hypot(left[:, 0], left[:, 1]))
-        ),
-        "",
-    )
-
-
-def _sigma_at(t: Array, source: Source) -> Array:
-    """Returns (n, 3) standard deviations of a source's poses at times; NaN where unknown."""
-    if source.cov_floor is None:
-        return np.full((len(t), 3), np.nan)
-    sigma = np.sqrt(np.diagonal(source.cov_floor, axis1=1, axis2=2))
-    return np.column_stack([np.interp(t, source.t, column) for column in sigma.T])
 
 
 def _unmatched(count: int, alignment: Alignment | None, column: int) -> IntArray:

@@ -16,7 +16,9 @@ from compare.plots_two_maps import colours, differences, path_differences, plan
 from compare.results import whole_folder, write_csv, write_json
 from compare.two_maps import MapPair
 from compare.two_maps_tables import (
+    ALTERNATIVE_HEADINGS,
     FORMAT,
+    alternative_rows,
     content,
     facts,
     line_columns,
@@ -97,6 +99,7 @@ def _page(pairs: Sequence[MapPair], drawn: Sequence[dict[str, Plot]]) -> str:
     html: str = template("two_maps.html").render(
         title=_title(names),
         version=version("floorline-slam"),
+        alternative_headings=ALTERNATIVE_HEADINGS,
         sources=[facts(source) for source in sources],
         pairs=[_section(*both) for both in zip(pairs, drawn, strict=True)],
     )
@@ -114,6 +117,8 @@ def _title(names: Sequence[str]) -> str:
 
 
 def _section(pair: MapPair, plots: dict[str, Plot]) -> dict[str, Any]:
+    rows = alternative_rows(pair)
+    kept = pair.choice.in_question if pair.choice is not None else 0
     first, second = (themed(colour) for colour in colours(pair))
     return {
         "first": {"name": pair.a.label, "colour": first},
@@ -125,6 +130,8 @@ def _section(pair: MapPair, plots: dict[str, Plot]) -> dict[str, Any]:
         "headings": line_headings(pair) if pair.test is not None else [],
         "rows": line_rows(pair) if pair.test is not None else [],
         "caption": table_caption(pair),
+        "in_question": rows[:kept],
+        "ruled_out": rows[kept:],
         "independent": pair.relation.independent,
     }
 

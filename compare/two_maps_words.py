@@ -9,7 +9,8 @@ import numpy as np
 
 from compare.metrics import rms
 from compare.report_tables import fixed, number
-from compare.two_maps import MapPair, PathDifference
+from compare.two_maps import MapPair
+from compare.two_paths import PathDifference
 from graphslam.geometry import Array
 from graphslam.line_maps.chi2 import MapTest
 
@@ -17,6 +18,10 @@ LEVEL = 0.05
 """Probability below which two maps are said to differ: of equal ones so many seem to."""
 TOO_WELL = 0.999
 """Probability above which maps agree better than their covariances allow."""
+SAME_START_M, LEVER_M = 0.5, 1.0
+"""Frames that lie so near each other, turns taken at this lever, may be of runs begun alike, m."""
+NOTHING = 0.01
+"""Part of their own sigmas below which maps are called the same."""
 NOTABLE_SIGMAS = 3.0
 """A line that differs by more than this many sigma is named."""
 CERTAINTY = {
@@ -42,7 +47,7 @@ def verdict(pair: MapPair) -> str:
     chance = probability(test.probability)
     figures = f"χ² = {number(test.chi2)} at {test.freedom} degrees of freedom, {chance}"
     if not pair.relation.independent:
-        return _correlated(pair, test, size, figures)
+        return _correlated(test, size, figures)
     if test.probability < LEVEL:
         return (
             f"The maps differ by more than their covariances allow: {size}, "
@@ -60,23 +65,27 @@ def _no_test(pair: MapPair) -> str:
     return "so few lines are always fitted exactly, so nothing is tested"
 
 
-def _correlated(pair: MapPair, test: MapTest, size: str, figures: str) -> str:
+def _correlated(test: MapTest, size: str, figures: str) -> str:
     if test.probability < LEVEL:
         return (
             f"The maps differ by {size}, more than any correlation of their errors explains "
             f"({figures}, against twice the sum of both covariances)."
         )
     own = np.nanmin(test.own)
-    shares = in_sigmas(test, independent=False)
-    if own < 0.01:
+    if own < NOTHING:
         return (
             f"The maps are the same to {size}: less than a hundredth of the uncertainty that they "
             "claim."
         )
-    return (
-        f"The maps differ by {size}: {number(rms(shares[np.isfinite(shares)]), 2)} of the smaller "
-        f"σ on average, and no combination of lines by more than {number(float(own), 2)} σ."
-    )
+    shares = in_sigmas(test, independent=False)
+    share = number(rms(shares[np.isfinite(shares)]), 2)
+    largest = f"no combination of lines by more than {number(float(own), 2)} σ"
+    if own < 1.0:
+        return (
+            f"The maps are the same within what either claims to know: they differ by {size}, "
+            f"{share} of the smaller σ RMS, and {largest}."
+        )
+    return f"The maps differ by {size}: {share} of the smaller σ RMS, and {largest}."
 
 
 def expected(test: MapTest) -> float:
@@ -121,6 +130,7 @@ def _reasons(pair: MapPair) -> Iterator[str]:
                 "the covariances are too large, or the maps are not independent."
             )
         yield _outliers(pair)
+        yield _excess(pair)
     for source in (a, b):
         if source.certainty == "blocks":
             yield (
@@ -144,9 +154,27 @@ def _how_tied(pair: MapPair) -> str:
         return f"The frames are tied by the paths’ common clock: a motion of {where}."
     if pair.tied == "asked":
         return f"The alignment is the one near the motion that was asked for: {where}."
-    assert pair.ambiguity is not None
-    text = str(pair.ambiguity)
-    return f"Found without a start value: a motion of {where}; {text}."
+    return f"Found without a start value: a motion of {where}; {ambiguity_text(pair)}.{_hint(pair)}"
+
+
+def ambiguity_text(pair: MapPair) -> str:
+    """Returns what is known about other alignments that fit as well as the one of a searched pair.
+
+    A clause without its full stop.
+    """
+    return "; ".join(filter(None, (str(pair.ambiguity), str(pair.choice))))
+
+
+def _hint(pair: MapPair) -> str:
+    """Returns which of several alignments is right if both runs began at one place."""
+    if pair.sure or not (pair.a.is_estimate and pair.b.is_estimate):
+        return ""
+    motions = np.array([alignment.motion for alignment in pair.alternatives])
+    near = np.hypot(motions[:, 0], motions[:, 1]) + np.abs(motions[:, 2]) * LEVER_M
+    first = int(np.argmin(near))
+    if first == 0 or near[first] > SAME_START_M:
+        return ""
+    return " If both runs began at the same place, it is another one: take it with --near 0 0 0."
 
 
 def _small_motion(pair: MapPair) -> str:
@@ -205,6 +233,24 @@ def _outliers(pair: MapPair) -> str:
     return f"Beyond {NOTABLE_SIGMAS:.0f} σ, by the first map’s numbers: line {', '.join(names)}."
 
 
+def _excess(pair: MapPair) -> str:
+    """Returns how large an error would explain the difference; empty where nothing needs it."""
+    test = pair.test
+    assert test is not None
+    if not pair.relation.independent or not test.probability < LEVEL:
+        return ""
+    text = (
+        f"A further error of {millimetres(test.excess)} (one σ) at either end of each line would "
+        "explain all of it: lines that are not quite straight, or a camera’s homography or "
+        "distortion that is a little off"
+    )
+    exact = [source.label for source in (pair.a, pair.b) if source.certainty == "exact"]
+    text += f", or {' and '.join(exact)} that is no more exact than this" if exact else ""
+    if not pair.sure:
+        text += "; or another alignment is the right one"
+    return f"{text}."
+
+
 def path_sentence(path: PathDifference) -> str:
     """Returns the paths' difference in one sentence."""
     worst = int(np.argmax(path.distance))
@@ -227,4 +273,5 @@ def probability(value: float) -> str:
     """Returns a probability as text."""
     if value < 1e-4:
         return "p < 0.0001"
-    return f"p = {min(value, 0.9999):.4f}" if value > 0.999 else f"p = {value:.3f}"
+    decimals = 4 if value > 0.999 or value < 0.001 else 3
+    return f"p = {min(value, 0.9999):.{decimals}f}"

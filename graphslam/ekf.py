@@ -19,6 +19,7 @@ from graphslam.measurements import IntArray, Measurements, Sightings
 from graphslam.models import MODELS, Model
 from graphslam.models.odometry import transition
 from graphslam.roster import FIXED
+from graphslam.waiting import Waiting
 
 UNCONFIRMED = "sighting of a landmark that was seen too few times to count"
 REMOVED = "sighting of a landmark that was removed: no longer seen where it should be"
@@ -81,6 +82,7 @@ class Filter(Matcher):
         nis: (K,) squared normalised innovation; NaN where not used or where it started a landmark.
         counts: what happened to sightings, by reason.
         history: the landmarks' variances, node by node.
+        waiting: sightings that cannot start a landmark yet.
     """
 
     name = "ekf"
@@ -100,6 +102,7 @@ class Filter(Matcher):
         self.nis = np.full(count, np.nan)
         self.counts: Counter[str] = Counter()
         self.history = History(len(measurements.t))
+        self.waiting = Waiting(self)
 
     def run(self) -> Estimate:
         """Returns what filtering all nodes gives."""
@@ -121,8 +124,10 @@ class Filter(Matcher):
                 if len(rows):
                     self.take_sightings(node, table, rows, first)
             self.after_node(node)
+            self.waiting.after_node(node)
             pose[node], cov[node] = self.state.mean[:3], self.state.P[:3, :3]
-            self.history.remember(self.roster, self.state)
+            self.history.remember(self.roster, self.state, self.waiting.columns())
+        self.waiting.forget_all()
         for row in self.roster.tentative().tolist():
             self.remove(row)
         return pose, cov
@@ -199,7 +204,6 @@ class Filter(Matcher):
             return DROPPED
         started = self.start_landmark(node, model, table, row, first)
         if started is None:
-            self.counts["sighting that could not start a landmark yet"] += 1
             return NEW
         self.note_seen(node, model, table, one, np.array([started]))
         return started
@@ -241,16 +245,16 @@ class Filter(Matcher):
     ) -> int | None:
         """Adds a landmark with its full covariance, cross terms included; None if not yet."""
         z, cov, given = table.z[row], table.cov[row], -1
-        if self.at is None:
-            started = model.initialise(self.state.mean[:3], z, cov)
-            if started is None:
-                return None
-            landmark, J_pose, J_z = started
-        else:
+        started = model.initialise(self.state.mean[:3], z, cov)
+        if started is None:
+            return self.waiting.take(node, model, table, row, first)
+        landmark, J_pose, J_z = started
+        if self.at is not None:
             given = int(self.at.match[first + row])
             landmark, J_pose, J_z = self.start_at(node, model, z, given)
         offset = self.state.add(landmark, J_pose, J_z @ cov @ J_z.T)
-        added = self.roster.add(table.kind, offset, int(table.truth[row]), given)
+        truth, label = int(table.truth[row]), int(table.label[row])
+        added = self.roster.add(table.kind, offset, truth, given, label)
         self.match[first + row] = added
         self.used[first + row] = True
         return added
@@ -258,10 +262,6 @@ class Filter(Matcher):
     def start_at(self, node: int, model: Model, z: Array, given: int) -> tuple[Array, Array, Array]:
         """Returns a new landmark by solving the residual linearised at the given point."""
         assert self.at is not None
-        if model.dim_landmark != model.dim_z:
-            raise BadMeasurements(
-                f"linearise_at: one {model.kind} sighting does not fix a landmark"
-            )
         pose, params = self.at.pose[node], self.at.map.params[given, : model.dim_landmark]
         e, J_p, J_l = model.residual(pose, params, z)
         inverse = np.asarray(np.linalg.inv(J_l), dtype=np.float64)
@@ -278,7 +278,9 @@ class Filter(Matcher):
         self.counts[REMOVED if self.roster.confirmed[row] else UNCONFIRMED] += int(theirs.sum())
         self.match[theirs], self.used[theirs], self.nis[theirs] = -1, False, np.nan
         assert self.roster.offset[row] != FIXED, "known landmarks stay"
+        at = int(self.roster.offset[row])
         self.roster.remove(row, self.state)
+        self.waiting.close_gap(at, MODELS[self.roster.kinds[row]].dim_landmark)
 
     def finish(self, pose: Array, cov: Array) -> Estimate:
         """Returns the state as an estimate; landmarks get their one name only here."""

@@ -17,6 +17,7 @@ from graphslam.association import (
     compatibility,
     jcbb,
     leftover,
+    same_label,
     stretch_gap,
 )
 from graphslam.config import EkfConfig
@@ -99,6 +100,7 @@ class Matcher:
         """Returns how well sightings (k,) fit landmarks (M,), stretches seen included."""
         e, S = self.innovations(model, table, rows, landmarks)
         fit = compatibility(e, S, model.angular, self.config.matching)
+        fit = fit.among(same_label(table.label[rows], self.roster.label[landmarks]))
         near, which = np.nonzero(fit.new <= 1.0)
         if not len(near):
             return fit

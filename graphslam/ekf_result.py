@@ -30,11 +30,13 @@ class History:
         self._nodes = nodes
         self._entries: list[tuple[IntArray, Array]] | None = []
 
-    def remember(self, roster: Roster, state: JointState) -> None:
-        """Keeps the variances of the landmarks in the state."""
+    def remember(self, roster: Roster, state: JointState, others: IntArray) -> None:
+        """Keeps the variances of the landmarks: of all entries behind the pose but ``others``."""
         if self._entries is None:
             return
-        self._entries.append((roster.free(), np.diagonal(state.P)[3:].copy()))
+        variances = np.diagonal(state.P).copy()
+        kept = np.delete(variances, others) if len(others) else variances
+        self._entries.append((roster.free(), kept[3:]))
         if self._nodes * (state.size - 3) > LARGEST_HISTORY:
             self._entries = None
 

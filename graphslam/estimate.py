@@ -158,7 +158,7 @@ class Estimate:
             arrays[name] = getattr(self, name)
         if self.map_variance is not None:
             arrays["map_variance"] = self.map_variance
-        for name in ("id", "params", "extent", "sightings"):
+        for name in ("id", "params", "extent", "sightings", "label"):
             arrays[f"map.{name}"] = getattr(self.map, name)
         save_arrays(path, arrays)
 

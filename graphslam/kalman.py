@@ -144,22 +144,25 @@ class JointState:
         HPHt += np.einsum("kij,kjlm->kilm", J_landmark, PHt[columns])
         return PHt, HPHt
 
-    def add(self, landmark: Array, J_pose: Array, noise: Array) -> int:
+    def add(
+        self, landmark: Array, J_pose: Array, noise: Array, columns: IntArray | slice = slice(3)
+    ) -> int:
         """Adds a landmark with all its correlations; returns its place in the state.
 
         Args:
             landmark: (l,) parameters.
-            J_pose: (l, 3) how they depend on the pose.
-            noise: (l, l) their covariance given the pose.
+            J_pose: (l, 3) how they depend on the pose, or (l, c) on the entries ``columns``.
+            noise: (l, l) their covariance given these.
+            columns: (c,) entries of the state that they depend on; the pose where not given.
 
         Source: SantanaSLAM section 3.3; P_ll = J_pose P J_pose' + J_z R J_z'.
         """
         old = self.size
         self._grow(old + len(landmark))
         self.mean[old:] = landmark
-        cross = J_pose @ self.P[:3, :old]
+        cross = J_pose @ self.P[:old, :old][columns]
         self.P[old:, :old], self.P[:old, old:] = cross, cross.T
-        self.P[old:, old:] = J_pose @ self.P[:3, :3] @ J_pose.T + noise
+        self.P[old:, old:] = cross[:, columns] @ J_pose.T + noise
         return old
 
     def remove(self, first: int, length: int) -> None:

@@ -97,7 +97,8 @@ def finish_map(
         names = np.concatenate([known.id, 1 + known.id.max() + names[: count - len(known)]])
     extent = stretches_seen(measurements, pose, params, match)
     sightings = np.bincount(match[match >= 0], minlength=count)
-    draft = LandmarkMap(names, tuple(kinds), params, extent, sightings)
+    label = labels_seen(measurements, match, count)
+    draft = LandmarkMap(names, tuple(kinds), params, extent, sightings, label)
     return _canonical(draft, cov_joint)
 
 
@@ -126,6 +127,17 @@ def stretches_seen(
     return extent
 
 
+def labels_seen(measurements: Measurements, match: IntArray, count: int) -> IntArray:
+    """Returns the label (M,) of each of ``count`` landmarks: known, or that of its sightings."""
+    label, known = np.full(count, -1), measurements.known
+    for first, table in measurements.tables():
+        of = match[first : first + len(table)]
+        np.maximum.at(label, of[of >= 0], table.label[of >= 0])
+    if known is not None:
+        label[: len(known)] = known.label
+    return label
+
+
 def _canonical(draft: LandmarkMap, cov_joint: Array) -> tuple[LandmarkMap, Array]:
     params, extent = draft.params.copy(), draft.extent.copy()
     offsets = draft.offsets()
@@ -137,5 +149,5 @@ def _canonical(draft: LandmarkMap, cov_joint: Array) -> tuple[LandmarkMap, Array
         for row, block in zip(rows, blocks, strict=True):
             at = slice(offsets[row], offsets[row + 1])
             J[at, at] = block
-    named = LandmarkMap(draft.id, draft.kind, params, extent, draft.sightings)
+    named = LandmarkMap(draft.id, draft.kind, params, extent, draft.sightings, draft.label)
     return named, J @ cov_joint @ J.T

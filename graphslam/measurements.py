@@ -65,6 +65,8 @@ class Sightings:
         quality: (K,) the detector's own score, larger is better; NaN where it gives none.
         source: (K,) number of the image or scan it came from; -1 where there is none.
         truth: (K,) identity of the true landmark, -1 where unknown; for judging only.
+        label: (K,) what the sensor tells landmarks apart by (a colour), as a number; -1 for none. A
+            sighting is never matched with a landmark of another label.
     """
 
     kind: str
@@ -76,8 +78,10 @@ class Sightings:
     quality: Array
     source: IntArray
     truth: IntArray
+    label: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def __post_init__(self) -> None:
+        _set(self, "label", _labels(self.label, len(self.node)))
         if self.kind not in MODELS:
             raise BadMeasurements(f"kind {self.kind!r} has no model; known: {', '.join(MODELS)}")
         d, count = MODELS[self.kind].dim_z, len(self.node)
@@ -90,6 +94,7 @@ class Sightings:
             "quality": ((count,), float, True),
             "source": ((count,), int, False),
             "truth": ((count,), int, False),
+            "label": ((count,), int, False),
         }
         for name, (shape, dtype, nan) in shapes.items():
             _set(self, name, frozen(f"{self.kind}.{name}", getattr(self, name), shape, dtype, nan))
@@ -121,6 +126,7 @@ class LandmarkMap:
             rho m, alpha rad).
         extent: (M, 2) stretch along the landmark that was seen or is known, m; NaN where unknown.
         sightings: (M,) how many sightings support it; 0 in a known map.
+        label: (M,) what sensors tell it apart by, as `Sightings.label`; -1 for none.
     """
 
     id: IntArray
@@ -128,9 +134,12 @@ class LandmarkMap:
     params: Array
     extent: Array
     sightings: IntArray
+    label: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def __post_init__(self) -> None:
         count = len(self.id)
+        label = _labels(self.label, count)
+        _set(self, "label", frozen("map.label", label, (count,), int))
         _set(self, "id", frozen("map.id", self.id, (count,), int))
         _set(self, "kind", tuple(str(k) for k in self.kind))
         _set(self, "params", frozen("map.params", self.params, (count, None), float, True))
@@ -279,6 +288,11 @@ class Measurements:
 
 def _set(instance: object, name: str, value: object) -> None:
     object.__setattr__(instance, name, value)
+
+
+def _labels(label: IntArray, count: int) -> IntArray:
+    """Returns ``label``, or 'none' for all ``count`` where it is left empty."""
+    return label if len(label) or not count else np.full(count, -1)
 
 
 def _columns(prefix: str, part: Any) -> dict[str, AnyArray]:

@@ -32,6 +32,7 @@ class Roster:
         kinds: name of each landmark's model.
         offset: (M,) place in the state; `FIXED` for known ones, `GONE` for removed ones.
         identity: (M,) true identity that each was started with, for judging only.
+        label: (M,) what sensors tell it apart by; -1 for none.
         given: (M,) with a given linearisation: row of each in the given map; else -1.
         seen: (M,) nodes that saw it.
         last: (M,) the last of them; -1 before.
@@ -49,6 +50,7 @@ class Roster:
         self.known = count
         self.offset = np.full(count, FIXED)
         self.identity = np.zeros(0, np.int64) if known is None else np.array(known.id)
+        self.label = np.zeros(0, np.int64) if known is None else np.array(known.label)
         self.given = np.arange(count)
         self.seen, self.last = np.zeros(count, np.int64), np.full(count, -1)
         self.hits, self.misses = np.zeros(count, np.int64), np.zeros(count, np.int64)
@@ -74,12 +76,13 @@ class Roster:
             self._free = np.flatnonzero(self.offset >= 0)
         return self._free
 
-    def add(self, kind: str, offset: int, identity: int, given: int = -1) -> int:
+    def add(self, kind: str, offset: int, identity: int, given: int = -1, label: int = -1) -> int:
         """Adds a landmark that stands at ``offset`` in the state; returns its row."""
         self.kinds.append(kind)
         self.offset = np.append(self.offset, offset)
         self.identity = np.append(self.identity, identity)
         self.given = np.append(self.given, given)
+        self.label = np.append(self.label, label)
         for name, value in (("seen", 0), ("last", -1), ("hits", 0), ("misses", 0), ("missed", 0)):
             setattr(self, name, np.append(getattr(self, name), value))
         self.extent = np.vstack([self.extent, [np.nan, np.nan]])
@@ -140,6 +143,10 @@ class Roster:
         length = MODELS[kind].dim_landmark
         state.remove(at, length)
         self.offset[row] = GONE
-        self.offset[self.offset > at] -= length
+        self.close_gap(at, length)
         self._present.pop(kind, None)
         self._free = None
+
+    def close_gap(self, at: int, length: int) -> None:
+        """Moves up the places behind ``length`` entries that were taken out of the state."""
+        self.offset[self.offset > at] -= length

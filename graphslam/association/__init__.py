@@ -8,6 +8,7 @@ from graphslam.association.distances import (
     compatibility,
     gate_for,
     mahalanobis,
+    same_label,
     stretch_gap,
 )
 from graphslam.association.joint import jcbb
@@ -23,5 +24,6 @@ __all__ = [
     "jcbb",
     "leftover",
     "mahalanobis",
+    "same_label",
     "stretch_gap",
 ]

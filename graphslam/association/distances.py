@@ -13,8 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammainccinv
 
+from graphslam.arrays import AnyArray
 from graphslam.config import MatchingConfig
 from graphslam.geometry import Array
+from graphslam.measurements import IntArray
 from graphslam.models.base import Model
 
 
@@ -29,6 +31,19 @@ class Compatibility:
 
     match: Array
     new: Array
+
+    def among(self, possible: AnyArray) -> Compatibility:
+        """Returns the same with pairs out of reach that are not ``possible`` (k, M)."""
+        if possible.all():
+            return self
+        apart = np.where(possible, 0.0, np.inf)
+        return Compatibility(self.match + apart, self.new + apart)
+
+
+def same_label(label: IntArray, of_landmark: IntArray) -> AnyArray:
+    """Returns (k, M) whether sightings (k,) and landmarks (M,) have one label, or one has none."""
+    a, b = label[:, None], of_landmark[None, :]
+    return np.asarray((a == b) | (a < 0) | (b < 0))
 
 
 def gate_for(gate: float, dim: int) -> float:

@@ -68,19 +68,20 @@ class Ambiguity:
             parts.append(f"any shift along {_direction(self.slide)} fits: all lines run that way")
         if len(self.equal) > 1:
             count = f"{'at least ' if self.more else ''}{len(self.equal)}"
-            parts.append(f"{count} alignments fit equally well: {self._differences()}")
+            parts.append(f"{count} alignments fit equally well: they {self.differences()}")
         return "; ".join(parts) or (
             f"one alignment fits; the next best has {self.ratio:.0%} of its agreement"
             if self.ratio
             else "one alignment fits, and no other"
         )
 
-    def _differences(self) -> str:
+    def differences(self) -> str:
+        """Returns in words what the equal alignments differ by."""
         found = [f"{math.hypot(*v):.3f} m along {_direction(v)}" for v in self.periods]
-        parts = [f"they repeat every {' and '.join(found)}"] if found else []
+        parts = [f"repeat every {' and '.join(found)}"] if found else []
         if len(self.turns):
             names = [_degrees(t) for t in np.degrees(self.turns)]
-            parts.append(f"turned by {', '.join(names)}")
+            parts.append(f"{'are ' if not parts else ''}turned by {', '.join(names)}")
         return ", ".join(parts)
 
 

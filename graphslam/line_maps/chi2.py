@@ -11,6 +11,7 @@ from graphslam.arrays import frozen
 from graphslam.geometry import Array
 from graphslam.line_maps.alignment import Alignment
 from graphslam.line_maps.correspondence import middle_jacobian
+from graphslam.line_maps.excess import excess
 from graphslam.line_maps.fit import Fit, chi_square, fit_motion, left_over
 from graphslam.line_maps.line_map import LineMap, diagonal_blocks
 from graphslam.measurements import IntArray
@@ -46,6 +47,9 @@ class MapTest:
         scale: factor on the sum of the covariances that the test used: 1 for independent maps, 2
             for maps that may be correlated, which is an upper bound whatever the correlation, so
             that only a small probability says anything.
+        excess: standard deviation, m, of the error across each line, independent at either end of
+            the common stretch and beyond what the covariances say, that would make `chi2` as large
+            as `freedom`; 0 where it is no larger, NaN where not defined or not independent.
         own: (2,) the largest difference of any combination of lines, in standard deviations that
             the first map claims for it, and the second; NaN for a map that is exact.
     """
@@ -62,6 +66,7 @@ class MapTest:
     freedom: int
     probability: float
     scale: float
+    excess: float
     own: Array
 
     def __post_init__(self) -> None:
@@ -99,8 +104,8 @@ def same_map(a: LineMap, b: LineMap, alignment: Alignment, independent: bool = T
     fit = fit_motion(a, b, alignment.matches, alignment.motion, s)
     plain = _least_squares(a, b, alignment, s)
     scale = 1.0 if independent else 2.0
-    chi2, freedom = _tested(a, b, alignment, s)
-    chi2 /= scale
+    tested, common = _tested(a, b, alignment)
+    chi2, freedom = (tested.chi2 / scale, tested.freedom) if tested else (float("nan"), 0)
     e, at_middle = plain.residual, middle_jacobian(s) @ plain.residual[..., None]
     own = [
         np.sqrt(chi_square(e.ravel(), plain.J, cov)) if cov.any() and fit.freedom else np.nan
@@ -119,6 +124,7 @@ def same_map(a: LineMap, b: LineMap, alignment: Alignment, independent: bool = T
         freedom=freedom,
         probability=float(scipy.stats.chi2.sf(chi2, freedom)) if freedom else float("nan"),
         scale=scale,
+        excess=excess(tested, common) if tested and independent else float("nan"),
         own=np.array(own),
     )
 
@@ -150,14 +156,18 @@ def _variances(cov: Array, s: Array) -> Array:
     return np.diagonal(J @ diagonal_blocks(cov) @ np.swapaxes(J, 1, 2), axis1=1, axis2=2)
 
 
-def _tested(a: LineMap, b: LineMap, alignment: Alignment, s: Array) -> tuple[float, int]:
-    """Returns chi-square and freedom over the matches that either map is not sure of."""
+def _tested(a: LineMap, b: LineMap, alignment: Alignment) -> tuple[Fit | None, Array]:
+    """Returns the fit of the matches that either map is not sure of, and their common stretches.
+
+    No fit where nothing is left to test.
+    """
     known = [
         np.diagonal(m.cov).reshape(-1, 2)[alignment.matches[:, column]].max(axis=1) == 0
         for column, m in enumerate((a, b))
     ]
     open_ = ~(known[0] & known[1])
-    if not open_.any():
-        return float("nan"), 0
-    fit = fit_motion(a, b, alignment.matches[open_], alignment.motion, s[open_])
-    return (fit.chi2, fit.freedom) if fit.freedom > 0 else (float("nan"), 0)
+    common = alignment.common[open_]
+    if not len(common):
+        return None, common
+    fit = fit_motion(a, b, alignment.matches[open_], alignment.motion, common.mean(axis=1))
+    return (fit if fit.freedom > 0 else None), common

@@ -81,3 +81,33 @@ class Stretched(Protocol):
             extent: (..., 2) stretches along them, m; the ends are NaN where it is unknown.
         """
         ...
+
+
+@runtime_checkable
+class Delayed(Protocol):
+    """What a model has besides where one sighting does not start a landmark, but several do."""
+
+    def initialise_from(
+        self, pose: Array, pose_cov: Array | None, z: Array, cov: Array
+    ) -> Array | None:
+        """Returns the landmark (l,) that explains sightings from several poses, or None: not yet.
+
+        Args:
+            pose: (k, 3) where they were made, floor frame, in order.
+            pose_cov: (3 k, 3 k) covariance of those poses relative to the last, floor frame; None
+                where they count as exact.
+            z: (k, d) the sightings.
+            cov: (k, d, d) their covariances.
+        """
+        ...
+
+    def unlike(self, pose: Array, z: Array, new_pose: Array, new_z: Array) -> float:
+        """Returns how unlike two sightings are of one landmark not started yet; beyond 1: of two.
+
+        Args:
+            pose: (3,) where the earlier one was made, floor frame.
+            z: (d,) the earlier one.
+            new_pose: (3,) where the later one was made.
+            new_z: (d,) the later one.
+        """
+        ...

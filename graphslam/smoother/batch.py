@@ -8,7 +8,7 @@ from importlib import import_module
 import numpy as np
 
 from graphslam.baseline import propagate
-from graphslam.config import SmootherConfig
+from graphslam.config import Engine, SmootherConfig
 from graphslam.estimate import Estimate
 from graphslam.information import position_information, unobserved_directions
 from graphslam.landmarks import finish_map
@@ -76,6 +76,12 @@ def minimise(problem: Problem, config: SmootherConfig) -> Minimum:
     engine = import_module(ENGINES[config.engine])
     minimum: Minimum = engine.minimise(problem, config)
     return minimum
+
+
+def at_start(problem: Problem, engine: Engine) -> Minimum:
+    """Returns the problem's start itself, for its covariances; nothing is minimised."""
+    point: Minimum = import_module(ENGINES[engine]).at_start(problem)
+    return point
 
 
 def finish(problem: Problem, minimum: Minimum) -> Estimate:

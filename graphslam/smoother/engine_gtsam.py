@@ -29,6 +29,18 @@ def minimise(problem: Problem, config: SmootherConfig) -> GtsamMinimum:
     return GtsamMinimum(problem, solution, *_read(problem, solution.values))
 
 
+def at_start(problem: Problem) -> GtsamMinimum:
+    """Returns the problem's start itself, linearised: what its covariances would be there.
+
+    Raises:
+        UnderConstrained: the linear system is singular.
+    """
+    built = graph_of(problem)
+    linear, cost = built.graph.linearize(built.values), float(built.graph.error(built.values))
+    solution = Solution(built.values, linear, cost, 0, True)
+    return GtsamMinimum(problem, solution, problem.pose, problem.params)
+
+
 def solve_linear(problem: Problem) -> GtsamMinimum:
     """Returns one linear solve at the problem's start, every model linearised there.
 

@@ -14,9 +14,12 @@ from graphslam.errors import BadMeasurements, UnderConstrained
 from graphslam.estimate import Estimate
 from graphslam.geometry import Array
 from graphslam.landmarks import known_count, padded
-from graphslam.measurements import IntArray, Measurements
+from graphslam.measurements import IntArray, Measurements, Sightings
 from graphslam.models import MODELS
+from graphslam.models.base import Delayed
 
+MOST_FOR_START = 20
+"""Sightings that start a landmark which one does not."""
 NOT_DETERMINED = "the measurements do not determine every pose and landmark: "
 
 
@@ -177,12 +180,10 @@ def _first_guess(measurements: Measurements, matches: IntArray, pose: Array, cou
         dims = [MODELS[kind].dim_landmark for kind in known.kind]
         params[: len(known)] = [row[:d] for row, d in zip(known.params, dims, strict=True)]
     for first, table in measurements.tables():
-        model = MODELS[table.kind]
-        for row, node in enumerate(table.node.tolist()):
-            landmark = int(matches[first + row])
-            if landmark >= 0 and params[landmark] is None:
-                started = model.initialise(pose[node], table.z[row], table.cov[row])
-                params[landmark] = None if started is None else started[0]
+        of = matches[first : first + len(table)]
+        for landmark in np.unique(of[of >= 0]).tolist():
+            if params[landmark] is None:
+                params[landmark] = _started(table, np.flatnonzero(of == landmark), pose)
     found = [p for p in params if p is not None]
     if len(found) < count:
         raise UnderConstrained(
@@ -190,3 +191,15 @@ def _first_guess(measurements: Measurements, matches: IntArray, pose: Array, cou
             "give an initial estimate or leave their matches out"
         )
     return padded(found)
+
+
+def _started(table: Sightings, rows: IntArray, pose: Array) -> Array | None:
+    """Returns a landmark from its first sighting, else from several; None where none suffice."""
+    model, first = MODELS[table.kind], rows[0]
+    started = model.initialise(pose[table.node[first]], table.z[first], table.cov[first])
+    if started is not None:
+        return started[0]
+    if not isinstance(model, Delayed):
+        return None
+    some = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_FOR_START).astype(int))]
+    return model.initialise_from(pose[table.node[some]], None, table.z[some], table.cov[some])

@@ -28,6 +28,7 @@ from graphslam.line_maps.alignment import (
 )
 from graphslam.line_maps.ambiguity import ambiguity
 from graphslam.line_maps.chi2 import MapTest, same_map
+from graphslam.line_maps.choice import choose
 from graphslam.line_maps.config import AlignmentConfig
 from graphslam.line_maps.line_map import LineMap
 from graphslam.line_maps.merge import merge_line_maps
@@ -245,6 +246,41 @@ def test_a_periodic_floor_names_its_period_and_its_turns() -> None:
     assert len(right) == 1
 
 
+def test_a_floor_that_repeats_to_rounding_leaves_all_alignments_in_question() -> None:
+    rng = np.random.default_rng(4)
+    lines, stretch = lattice(4, 0.6, 0.2)
+    a, b = seen(rng, lines, stretch), moved(seen(rng, lines, stretch), MOTION)
+    found = find_alignments(a, b)
+    unsure = ambiguity(found, b)
+    assert unsure is not None
+    choice = choose(found, unsure, a, b)
+    assert choice.rows == unsure.equal
+    assert choice.in_question == len(unsure.equal) > 1
+    assert "none of them apart" in str(choice)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_joints_that_are_a_little_off_the_period_tell_the_right_alignment(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    lines, stretch = lattice(5, 0.6, 0.2)
+    lines[:, 0] += rng.uniform(-0.008, 0.008, len(lines))
+    sigma = 0.1 * SIGMA
+    a = seen(rng, lines, stretch, sigma)
+    b = moved(seen(rng, lines, stretch, sigma), MOTION)
+    b = LineMap(b.lines, blocks(b.extent, sigma), b.extent)
+    b = b.select(np.flatnonzero(np.arange(len(b)) != 2))  # so that length speaks for no one
+    found = find_alignments(a, b)
+    unsure = ambiguity(found, b)
+    assert unsure is not None
+    assert len(unsure.equal) > 3
+    choice = choose(found, unsure, a, b)
+    assert choice.in_question <= 5  # some of few common lines fit closely by chance
+    shift, turn = far_off(found[choice.rows[0]].motion, MOTION)
+    assert shift < 0.003
+    assert turn < 0.003
+    assert "for the others" in str(choice)
+
+
 def test_a_floor_without_period_has_one_alignment_and_says_how_far_the_next_is() -> None:
     rng = np.random.default_rng(5)
     a, b = seen(rng), moved(seen(rng), MOTION)
@@ -343,6 +379,29 @@ def test_a_line_that_moved_is_a_difference() -> None:
     test = same_map(a, b, find_alignments(a, b)[0])
     assert test.probability < 1e-3
     assert int(np.argmax(np.abs(test.offset))) == test.matches[:, 0].tolist().index(3)
+
+
+def test_the_error_that_would_explain_a_difference_is_the_one_that_was_made() -> None:
+    made = 0.02
+    half = 0.5 * (STRETCH[:, 1] - STRETCH[:, 0])
+    found = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        ends = made * rng.standard_normal((len(FLOOR), 2))
+        turned = (ends[:, 1] - ends[:, 0]) / (2.0 * half)
+        offset = ends.mean(axis=1) + turned * STRETCH.mean(axis=1)
+        bent = FLOOR + np.column_stack([offset, turned])
+        a, b = seen(rng), seen(rng, bent)
+        test = same_map(a, b, align_matches(a, b, np.column_stack([np.arange(8)] * 2), np.zeros(3)))
+        found.append(test.excess)
+    assert np.median(found) == pytest.approx(made, rel=0.2)
+
+
+def test_no_further_error_is_asked_for_where_the_covariances_suffice(
+    equal_maps: list[tuple[Alignment, MapTest]],
+) -> None:
+    for _, test in equal_maps:
+        assert (test.excess == 0.0) == (test.chi2 <= test.freedom)
 
 
 def test_differences_are_second_minus_first() -> None:

@@ -52,6 +52,14 @@ class ChainMinimum:
         return pairs(self.system, self.pose, node, landmark)
 
 
+def at_start(problem: Problem) -> ChainMinimum:
+    """Returns the problem's start itself, linearised: what its covariances would be there."""
+    system = build(problem)
+    pose, params = problem.pose.copy(), problem.params.copy()
+    prior, cost = relinearise(system, pose, params)
+    return ChainMinimum(system, prior, pose, params, cost, 0, True)
+
+
 def minimise(problem: Problem, config: SmootherConfig) -> ChainMinimum:
     """Returns the minimum near the problem's start.
 

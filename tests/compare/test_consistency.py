@@ -1,0 +1,92 @@
+"""Where along the way a method becomes surer than it should be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from compare.comparison import compare
+from compare.consistency import (
+    Consistency,
+    band,
+    consistency,
+    mean_of,
+    overconfidence,
+    sampled,
+)
+from compare.truth import truth_of
+from graphslam.baseline import dead_reckoning
+from graphslam.ekf import run_ekf
+from tests.compare.made import log_with
+from tests.worlds import GRID, drive
+
+DISTANCE = np.arange(1, 201) / 10.0
+
+
+def curve(runs: int = 1, **columns: np.ndarray) -> Consistency:
+    nees = np.ones((len(DISTANCE), 4))
+    for name, values in columns.items():
+        nees[:, ("x", "y", "heading", "pose").index(name)] = values
+    return Consistency(DISTANCE, nees, runs)
+
+
+def test_a_factor_a_state_and_a_distance_are_named() -> None:
+    found = overconfidence(curve(heading=np.where(DISTANCE < 12.0, 1.0, 9.0)))
+    assert found is not None
+    assert (found.state, found.factor) == ("heading", pytest.approx(3.0))
+    assert found.from_m == pytest.approx(12.0, abs=0.1)
+    assert str(found) == "overconfident by a factor 3 in heading after 12 m"
+
+
+def test_a_short_excursion_is_not_overconfidence() -> None:
+    assert overconfidence(curve(x=np.where(np.abs(DISTANCE - 5.0) < 0.5, 9.0, 1.0))) is None
+
+
+def test_many_runs_show_what_one_cannot() -> None:
+    factor = np.where(DISTANCE < 4.0, 1.0, 2.0)
+    assert overconfidence(curve(1, y=factor)) is None
+    found = overconfidence(curve(100, y=factor))
+    assert found is not None
+    assert found.state == "y"
+    assert found.factor == pytest.approx(np.sqrt(2.0))
+
+
+def test_the_band_narrows_with_the_runs_and_holds_its_share() -> None:
+    low, high = band(3, 1)
+    assert (low, high) == (pytest.approx(0.0719, rel=1e-2), pytest.approx(3.116, rel=1e-3))
+    squares = np.random.default_rng(1).chisquare(3, (2000, 50)).mean(axis=1) / 3
+    low, high = band(3, 50)
+    assert np.mean((squares > low) & (squares < high)) == pytest.approx(0.95, abs=0.015)
+
+
+def test_errors_of_a_run_are_held_against_its_own_covariance() -> None:
+    measurements, truth = drive(3, 120)
+    measurements = replace(measurements, start_pose=truth[0])
+    log = log_with(measurements.t, truth, GRID)
+    estimate = dead_reckoning(measurements)
+    found = consistency(estimate, truth_of(log, measurements))
+    assert found is not None
+    error = estimate.pose[-1, 0] - truth[-1, 0]
+    assert found.nees[-1, 0] == pytest.approx(error**2 / estimate.cov_floor[-1, 0, 0])
+    few = sampled(found, 10)
+    np.testing.assert_allclose(few.nees[-1], found.nees[-1])
+    both = mean_of([few, few])
+    assert both.runs == 2
+    np.testing.assert_allclose(both.nees, few.nees)
+
+
+def test_a_filter_that_is_told_too_little_noise_is_called_overconfident() -> None:
+    measurements, truth = drive(3, 200)
+    measurements = replace(measurements, start_pose=truth[0])
+    table, odometry = measurements.sightings["line"], measurements.odometry
+    bold = replace(
+        measurements,
+        sightings={"line": replace(table, cov=table.cov / 100.0)},
+        odometry=replace(odometry, cov=odometry.cov / 100.0),
+    )
+    judged = compare(log_with(bold.t, truth, GRID), bold, [run_ekf(bold)])
+    found = judged["ekf"].overconfidence
+    assert found is not None
+    assert 3.0 < found.factor < 30.0

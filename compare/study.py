@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from importlib.metadata import version
@@ -14,87 +14,25 @@ from typing import Any
 
 import numpy as np
 
-from compare.comparison import MethodMetrics, compare
+from compare.comparison import Comparison, compare
 from compare.config import RunConfig
+from compare.consistency import sampled
 from compare.folders import whole_file
 from compare.methods import run_methods
 from compare.montecarlo import Progress, SeededRun, Value, run_seeded
 from compare.results import write_csv, write_json
+from compare.study_figures import BOUNDS, FIGURES, STUDY_FIGURES, Figure
 from frontend.extract import extract
-from frontend.simulate import Scenario, simulate_log
+from frontend.simulate import NoiseLevel, Scenario, noisier, simulate_log
+from frontend.strict import from_dict
+from graphslam.errors import BadConfig
 
-STUDY_FORMAT = "graphslam-study/1"
+__all__ = ["FIGURES", "Figure", "Study", "Summary", "judge_seed", "read_study", "study"]
 
-
-@dataclass(frozen=True, slots=True)
-class Figure:
-    """One number about a method in a run.
-
-    Attributes:
-        name: column of runs.csv.
-        label: what tables for people call it.
-        unit: its unit in such tables.
-        scale: factor from the column to that unit.
-        of: takes the method's metrics; returns the number, NaN or None where it is not defined.
-        worst: which of many is the worst.
-    """
-
-    name: str
-    label: str
-    unit: str
-    scale: float
-    of: Callable[[MethodMetrics], float | None]
-    worst: Callable[[Sequence[float]], float] = max
-
-
-FIGURES = (
-    Figure("rmse_m", "path RMSE", "mm", 1e3, lambda m: m.trajectory and m.trajectory.rmse_m),
-    Figure(
-        "aligned_rmse_m",
-        "path RMSE, aligned",
-        "mm",
-        1e3,
-        lambda m: m.trajectory and m.trajectory.aligned_rmse_m,
-    ),
-    Figure(
-        "final_error_m",
-        "final error",
-        "mm",
-        1e3,
-        lambda m: m.trajectory and m.trajectory.final_error_m,
-    ),
-    Figure(
-        "aligned_final_error_m",
-        "final error, aligned",
-        "mm",
-        1e3,
-        lambda m: m.trajectory and m.trajectory.aligned_final_error_m,
-    ),
-    Figure(
-        "heading_rmse_deg",
-        "heading RMSE",
-        "°",
-        1.0,
-        lambda m: m.trajectory and m.trajectory.heading_rmse_deg,
-    ),
-    Figure("map_rmse_m", "map RMSE", "mm", 1e3, lambda m: m.map and m.map.rho_rmse_m),
-    Figure("alpha_rmse_deg", "map angle RMSE", "°", 1.0, lambda m: m.map and m.map.alpha_rmse_deg),
-    Figure("matched", "lines matched", "", 1.0, lambda m: m.map and m.map.matched, min),
-    Figure("missed", "lines missed", "", 1.0, lambda m: m.map and m.map.missed),
-    Figure("spurious", "lines spurious", "", 1.0, lambda m: m.map and m.map.spurious),
-    Figure("duplicates", "lines twice", "", 1.0, lambda m: m.map and m.map.duplicates),
-    Figure("pose_nees", "pose NEES", "", 1.0, lambda m: m.pose_nees),
-    Figure("map_nees", "map NEES", "", 1.0, lambda m: m.map and m.map.nees),
-    Figure(
-        "right_share",
-        "right matches",
-        "%",
-        1e2,
-        lambda m: m.matching and m.matching.right_share,
-        min,
-    ),
-    Figure("nis", "NIS per dimension", "", 1.0, lambda m: m.nis_per_dof),
-)
+STUDY_FORMAT = "graphslam-study/2"
+POINTS = 16
+"""Distances along the way at which errors are held against covariances."""
+CURVES = ("x", "y", "heading", "pose")
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +46,7 @@ class Summary:
         median: over them; NaN where there are none, as the two below.
         mean: over them.
         worst: over them.
+        noise: level of noise.
     """
 
     method: str
@@ -116,6 +55,7 @@ class Summary:
     median: float
     mean: float
     worst: float
+    noise: str = "1"
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,12 +65,14 @@ class Study:
     Attributes:
         scenario: name of the scenario.
         methods: the methods compared.
-        runs: every run, by number.
-        summary: one entry a method and figure.
+        noise: the levels of noise.
+        runs: every run, by number; of L levels run number r is seed r // L at level r % L.
+        summary: one entry a level, method and figure.
     """
 
     scenario: str
     methods: tuple[str, ...]
+    noise: tuple[NoiseLevel, ...]
     runs: tuple[SeededRun, ...]
     summary: tuple[Summary, ...]
 
@@ -139,6 +81,21 @@ class Study:
         """The runs that failed."""
         return tuple(run for run in self.runs if run.error)
 
+    def name(self, run: SeededRun) -> str:
+        """Returns what a run is called: its seed, and its level of noise if there are several."""
+        seed, level = divmod(run.run, len(self.noise))
+        at = f" at noise {self.noise[level]}" if len(self.noise) > 1 else ""
+        return f"run {seed}{at}"
+
+    def at(self, level: NoiseLevel) -> list[Mapping[str, Value]]:
+        """Returns the values of all runs at a level that did not fail."""
+        place, levels = self.noise.index(level), len(self.noise)
+        return [run.values for run in self.runs if run.run % levels == place and not run.error]
+
+    def column(self, level: NoiseLevel, name: str) -> np.ndarray:
+        """Returns one value (n,) of all runs at a level, NaN where it is not defined."""
+        return np.array([float(values.get(name, math.nan)) for values in self.at(level)])
+
 
 def study(
     scenario: Scenario,
@@ -146,6 +103,7 @@ def study(
     out: Path | None,
     config: RunConfig | None = None,
     *,
+    noise: Sequence[NoiseLevel] = (),
     jobs: int = 0,
     progress: Progress | None = None,
 ) -> Study:
@@ -153,10 +111,11 @@ def study(
 
     Args:
         scenario: what to simulate, without images.
-        runs: how many.
-        out: folder to write, or to go on in: study.json, runs.jsonl, runs.csv and summary.csv;
+        runs: how many at each level of noise.
+        out: folder to write, or to go on in: study.json, runs.jsonl and the tables made from it;
             equal input gives equal bytes. None writes nothing.
         config: what to compute; None for the defaults. The detector has nothing to detect.
+        noise: levels of noise; the scenario's own where empty.
         jobs: worker processes; 0: as many as the machine has cores. Changes no result.
         progress: told about each run.
 
@@ -164,12 +123,14 @@ def study(
         BadConfig: ``out`` holds something else, or another study.
         OSError: the folder cannot be written.
     """
-    config = config or RunConfig()
-    about = _about(scenario, config)
+    config, levels = config or RunConfig(), tuple(dict.fromkeys(noise)) or (NoiseLevel(),)
+    about = _about(scenario, config, levels)
     fingerprint = hashlib.sha256(json.dumps(about).encode()).hexdigest()
-    job = partial(judge_seed, scenario, config)
-    done = run_seeded(job, runs, out, jobs=jobs, fingerprint=fingerprint, progress=progress)
-    result = Study(scenario.name, config.methods, done, _summary(done, config.methods))
+    job = partial(_judge_run, tuple(noisier(scenario, level) for level in levels), config)
+    total = runs * len(levels)
+    done = run_seeded(job, total, out, jobs=jobs, fingerprint=fingerprint, progress=progress)
+    result = Study(scenario.name, config.methods, levels, done, ())
+    result = replace(result, summary=_summary(result))
     if out is not None:
         with whole_file(out / "study.json") as path:
             write_json(path, about | {"runs": runs})
@@ -177,62 +138,125 @@ def study(
             write_csv(path, _runs_columns(result))
         with whole_file(out / "summary.csv") as path:
             write_csv(path, _summary_columns(result))
+        from compare.study_report import write_study
+
+        write_study(result, out)
     return result
 
 
+def read_study(path: Path) -> tuple[Scenario, RunConfig, tuple[NoiseLevel, ...], int]:
+    """Returns scenario, settings, levels of noise and number of runs of a study.json.
+
+    Raises:
+        BadConfig: it is none, or another version wrote it.
+    """
+    try:
+        about = json.loads(path.read_text(encoding="utf-8"))
+        if about["format"] != STUDY_FORMAT or about["version"] != version("floorline-slam"):
+            raise BadConfig(f"{path}: another version wrote it; install {about['version']}")
+        scenario = from_dict(Scenario, _without_none(about["scenario"]), str(path))
+        config = from_dict(RunConfig, _without_none(about["config"]), str(path))
+        return scenario, config, tuple(NoiseLevel(*e) for e in about["noise"]), int(about["runs"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise BadConfig(f"{path}: is no study.json of ours ({error!r})") from error
+
+
 def judge_seed(scenario: Scenario, config: RunConfig, seed: int) -> dict[str, Value]:
-    """Returns the figures of all methods for one seed, named ``method.figure``."""
+    """Returns the figures of all methods for one seed, named ``method.figure``.
+
+    ``bound.path_m`` and the like are the fields of `compare.bound.Bound`, ``method.heading.07``
+    the squared error over its variance at the seventh of `POINTS` distances, ``distance.07``.
+    """
     log = simulate_log(scenario, seed)
     measurements = extract(log, config.extract)
     estimates, failed = run_methods(measurements, config, lambda name, call: call())
     for error in failed.values():
         raise error
-    comparison = compare(log, measurements, list(estimates.values()))
+    comparison = compare(log, measurements, list(estimates.values()), config.smoother.engine)
     values: dict[str, Value] = {}
     for metrics in comparison.methods:
-        for figure in FIGURES:
+        for figure in STUDY_FIGURES:
             value = figure.of(metrics)
             values[f"{metrics.method}.{figure.name}"] = math.nan if value is None else value
+    return values | _bound_values(comparison) | _curve_values(comparison)
+
+
+def _judge_run(scenarios: tuple[Scenario, ...], config: RunConfig, run: int) -> dict[str, Value]:
+    seed, level = divmod(run, len(scenarios))
+    return judge_seed(scenarios[level], config, seed)
+
+
+def _bound_values(comparison: Comparison) -> dict[str, Value]:
+    bound = comparison.bound
+    if bound is None or bound.at != "truth":
+        return {}
+    return {f"bound.{field}": float(getattr(bound, field)) for _, _, field in BOUNDS}
+
+
+def _curve_values(comparison: Comparison) -> dict[str, Value]:
+    values: dict[str, Value] = {}
+    for metrics in comparison.methods:
+        if metrics.consistency is None:
+            continue
+        curve = sampled(metrics.consistency, POINTS)
+        for k in range(POINTS):
+            values[f"distance.{k:02}"] = float(curve.distance[k])
+            for column, state in enumerate(CURVES):
+                values[f"{metrics.method}.{state}.{k:02}"] = float(curve.nees[k, column])
     return values
 
 
-def _about(scenario: Scenario, config: RunConfig) -> dict[str, Any]:
+def _about(scenario: Scenario, config: RunConfig, levels: Sequence[NoiseLevel]) -> dict[str, Any]:
     config = replace(config, extract=replace(config.extract, workers=0))  # changes no result
     return {
         "format": STUDY_FORMAT,
         "version": version("floorline-slam"),
         "scenario": asdict(scenario),
         "config": asdict(config),
+        "noise": [[level.wheels, level.sightings] for level in levels],
     }
 
 
-def _summary(runs: Sequence[SeededRun], methods: Sequence[str]) -> tuple[Summary, ...]:
+def _without_none(data: Any) -> Any:
+    """Returns parsed JSON without its nulls: what is absent has its default, as in TOML."""
+    if isinstance(data, dict):
+        return {key: _without_none(value) for key, value in data.items() if value is not None}
+    return [_without_none(value) for value in data] if isinstance(data, list) else data
+
+
+def _summary(result: Study) -> tuple[Summary, ...]:
     table = []
-    for method in methods:
-        for figure in FIGURES:
-            found = [run.values.get(f"{method}.{figure.name}", math.nan) for run in runs]
-            known = [float(value) for value in found if not math.isnan(float(value))]
-            numbers = (math.nan,) * 3
-            if known:
-                numbers = (float(np.median(known)), float(np.mean(known)), figure.worst(known))
-            table.append(Summary(method, figure, len(known), *numbers))
+    for level in result.noise:
+        for method in result.methods:
+            for figure in STUDY_FIGURES:
+                found = result.column(level, f"{method}.{figure.name}")
+                known = [float(value) for value in found if not math.isnan(value)]
+                numbers = (math.nan,) * 3
+                if known:
+                    numbers = (float(np.median(known)), float(np.mean(known)), figure.worst(known))
+                table.append(Summary(method, figure, len(known), *numbers, str(level)))
     return tuple(table)
 
 
 def _runs_columns(result: Study) -> dict[str, list[Any]]:
     """Returns the columns of runs.csv: one row for each run that did not fail and each method."""
     rows = [(run, method) for run in result.runs if not run.error for method in result.methods]
+    levels = len(result.noise)
     columns: dict[str, list[Any]] = {
-        "run": [run.run for run, _ in rows],
+        "run": [run.run // levels for run, _ in rows],
+        "noise": [str(result.noise[run.run % levels]) for run, _ in rows],
         "method": [method for _, method in rows],
     }
-    for figure in FIGURES:
+    for figure in STUDY_FIGURES:
         columns[figure.name] = [run.values[f"{method}.{figure.name}"] for run, method in rows]
+    for _, _, field in BOUNDS:
+        columns[f"bound_{field}"] = [run.values.get(f"bound.{field}", math.nan) for run, _ in rows]
     return columns
 
 
 def _summary_columns(result: Study) -> dict[str, list[Any]]:
     return {
+        "noise": [entry.noise for entry in result.summary],
         "method": [entry.method for entry in result.summary],
         "figure": [entry.figure.name for entry in result.summary],
         "runs": [entry.runs for entry in result.summary],

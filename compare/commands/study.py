@@ -24,15 +24,19 @@ class Study:
 
     A killed study goes on where it stopped when the same command is given again.
 
-    Example: graphslam study grid --runs 200 --out studies/grid
+    Example: graphslam study grid --runs 200 --noise 1 2 4 --out studies/grid
     """
 
     scenario: Annotated[str, tyro.conf.Positional, arg(metavar="SCENARIO")]
-    """A scenario file (.toml), or the name of one that is shipped."""
+    """A scenario file (.toml), the name of one that is shipped, or the study.json of a study: it is
+    done again, and the settings on the command line do not count."""
     out: Annotated[Path, arg(metavar="DIR")]
-    """Folder to write, or to go on in: study.json, runs.jsonl, runs.csv and summary.csv."""
+    """Folder to write, or to go on in: report.html, study.json, runs.jsonl, tables and plots."""
     runs: int = 200
-    """How many runs; run number N has the seed N."""
+    """How many runs at each level of noise; run number N has the seed N."""
+    noise: tuple[str, ...] = ("1",)
+    """Levels of noise: factors on all standard deviations of the scenario, as 2, or on those of
+    wheels and of sightings, as 2.5:2."""
     jobs: int = 0
     """Worker processes, one BLAS thread each; 0: as many as the machine has cores. It changes no
     result."""
@@ -44,41 +48,57 @@ class Study:
     def execute(self) -> int:
         """Does the runs that are missing, writes the tables and prints the summary."""
         from compare.console import Progress
-        from compare.study import study
-        from frontend.simulate import load_scenario
+        from compare.study import read_study, study
+        from compare.study_answers import answers
+        from frontend.simulate import NoiseLevel, load_scenario
 
+        if Path(self.scenario).suffix == ".json":
+            scenario, settings, levels, runs = read_study(Path(self.scenario))
+        else:
+            scenario, settings, runs = load_scenario(self.scenario), self.settings, self.runs
+            levels = tuple(NoiseLevel.parse(text) for text in self.noise)
         with Progress() as progress:
             result = study(
-                load_scenario(self.scenario),
-                self.runs,
+                scenario,
+                runs,
                 self.out,
-                self.settings,
+                settings,
+                noise=levels,
                 jobs=self.jobs,
                 progress=progress,
             )
         for run in result.failed[:3]:
-            print(f"graphslam: run {run.run} failed: {run.error}", file=sys.stderr)
+            print(f"graphslam: {result.name(run)} failed: {run.error}", file=sys.stderr)
         _print_summary(result)
-        print(self.out / "runs.csv")
+        print("\n".join(answers(result)))
+        print(self.out / "report.html")
         if not result.failed:
             return DONE
         return FAILED if len(result.failed) == len(result.runs) else SOME_FAILED
 
 
 def _print_summary(result: Result) -> None:
-    """Prints median, mean and worst of each figure, one column a method."""
+    """Prints median, mean and worst of each figure, one table a level, one column a method."""
+    for level in result.noise:
+        _print_level(result, str(level))
+
+
+def _print_level(result: Result, level: str) -> None:
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     good = len(result.runs) - len(result.failed)
     title = f"{result.scenario}: {good} of {len(result.runs)} runs; median / mean / worst"
+    if len(result.noise) > 1:
+        title += f"; noise {level}"
     table = Table(title=Text(title), title_justify="left", title_style="bold")
     table.add_column("")
     for method in result.methods:
         table.add_column(method, justify="right")
-    entries = {(entry.method, entry.figure.name): entry for entry in result.summary}
-    for first in result.summary[: len(result.summary) // len(result.methods)]:
+    here = [entry for entry in result.summary if entry.noise == level]
+    entries = {(entry.method, entry.figure.name): entry for entry in here}
+    for first in here[: len(here) // len(result.methods)]:
         figure = first.figure
         label = f"{figure.label} ({figure.unit})" if figure.unit else figure.label
         cells = [_cell(entries[method, figure.name]) for method in result.methods]

@@ -146,4 +146,6 @@ class Scenario:
         said = asdict(self)
         if self.mess is None:  # came later: the digests of floors without it stay what they were
             del said["mess"]
+        if self.sightings.factor == 1.0:
+            del said["sightings"]["factor"]
         return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()

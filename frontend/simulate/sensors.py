@@ -103,6 +103,7 @@ class SightingSpec:
     Attributes:
         sigma_rho: stated standard deviation of rho, m; None: the detector's formula.
         sigma_alpha_deg: stated standard deviation of alpha, degrees; None: the detector's.
+        factor: on the stated standard deviations of both, default 1.
         scale: standard deviation of the noise that is drawn, as a multiple of the stated one,
             default 1.
         min_stretch: a line is seen where at least this much of it is in view, m, default 0.2.
@@ -115,6 +116,7 @@ class SightingSpec:
 
     sigma_rho: float | None = None
     sigma_alpha_deg: float | None = None
+    factor: float = 1.0
     scale: float = 1.0
     min_stretch: float = 0.2
     miss_rate: float = 0.0
@@ -123,7 +125,7 @@ class SightingSpec:
     rate: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("sigma_rho", "sigma_alpha_deg", "reach", "rate"):
+        for name in ("sigma_rho", "sigma_alpha_deg", "factor", "reach", "rate"):
             if getattr(self, name) is not None:
                 positive(name, getattr(self, name))
         for name in ("scale", "min_stretch"):

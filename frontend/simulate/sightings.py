@@ -89,14 +89,15 @@ def draw_sightings(scenario: Scenario, run: Drive, seed: np.random.SeedSequence)
 def stated_covariance(spec: SightingSpec, z: Array) -> Array:
     """Returns the covariances (K, 2, 2) that are written beside sightings of lines (K, 2).
 
-    The detector's own formula at its defaults, or the constants of ``[sightings]``; both diagonal.
+    The detector's own formula at its defaults, or the constants of ``[sightings]``, times its
+    ``factor``; both diagonal.
     """
     cov = line_covariance(z, DetectorConfig())
     if spec.sigma_rho is not None:
         cov[:, 0, 0] = spec.sigma_rho**2
     if spec.sigma_alpha_deg is not None:
         cov[:, 1, 1] = np.radians(spec.sigma_alpha_deg) ** 2
-    return cov
+    return spec.factor**2 * cov
 
 
 def _in_view(

@@ -8,14 +8,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from compare.cli import main
 from compare.config import RunConfig
 from compare.montecarlo import FILE
-from compare.study import FIGURES, judge_seed, study
+from compare.study import judge_seed, study
+from compare.study_figures import STUDY_FIGURES
 from frontend.log import open_log
-from frontend.simulate import load_scenario
+from frontend.simulate import NoiseLevel, load_scenario, noisier, simulate_measurements
 
 RUNS = 12
 
@@ -26,7 +28,8 @@ def table(path: Path) -> list[dict[str, str]]:
 
 
 def files_of(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +75,7 @@ SHOWING_PROGRESS = """
 import sys
 from pathlib import Path
 from compare.study import study
-from frontend.simulate import load_scenario
+from frontend.simulate import NoiseLevel, load_scenario, noisier, simulate_measurements
 show = lambda stage, done, of: print(done, of, flush=True)
 study(load_scenario(sys.argv[1]), int(sys.argv[3]), Path(sys.argv[2]), jobs=2, progress=show)
 """
@@ -115,7 +118,9 @@ def test_tables_hold_each_run_and_method_and_their_summary(
     assert [(row["run"], row["method"]) for row in rows] == [
         (str(run), method) for run in range(3) for method in ("odometry", "ekf")
     ]
-    assert list(rows[0])[2:] == [figure.name for figure in FIGURES]
+    bounds = ["bound_path_m", "bound_final_m", "bound_heading_deg", "bound_map_m"]
+    assert list(rows[0])[3:] == [*(figure.name for figure in STUDY_FIGURES), *bounds]
+    assert all(float(row["bound_path_m"]) > 0.0 for row in rows)
     filtered = [row for row in rows if row["method"] == "ekf"]
     assert all(float(row["right_share"]) == 1.0 for row in filtered)
     assert all(row["map_nees"] == "" for row in rows if row["method"] == "odometry")
@@ -134,7 +139,7 @@ def test_tables_hold_each_run_and_method_and_their_summary(
     printed = capsys.readouterr().out
     assert "lap: 3 of 3 runs" in printed
     assert "pose NEES" in printed
-    assert printed.rstrip().endswith("runs.csv")
+    assert printed.rstrip().endswith("report.html")
 
 
 def test_other_settings_do_not_go_on_in_the_same_folder(
@@ -207,3 +212,61 @@ def test_simulate_without_images_writes_a_log_that_run_takes(
     judged = judge_seed(load_scenario(scenario_file), RunConfig(methods=("ekf",)), 0)
     assert metrics["map"]["matched"] == judged["ekf.matched"] == 12
     assert metrics["pose_nees"] == pytest.approx(judged["ekf.pose_nees"], rel=1e-9)
+
+
+# ---- levels of noise ---------------------------------------------------------------------------
+
+
+def test_levels_of_noise_are_judged_apart_and_the_file_runs_again_to_the_same_bytes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """On a floor where a robot is blind between lines, the right answers are known."""
+    out, again = tmp_path / "out", tmp_path / "again"
+    methods = ["ekf", "ekf-robot", "smoother"]
+    arguments = ["--runs", "3", "--noise", "1", "7.5:4", "--methods", *methods, "--jobs", "2"]
+    known = ["--matching", "known"]
+    assert main(["study", "narrow-grid", "--out", str(out), *arguments, *known]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    low, high = printed.split("Noise 7.5:4: ", 1)
+    assert "the filter is enough for the last pose and map; smoothing cuts the path's" in low
+    assert "smoothing cuts the" in high
+    assert "ekf is overconfident by a factor" in high
+    nees = {(r["noise"], r["method"]): r for r in table(out / "summary.csv")
+            if r["figure"] == "map_start_nees"}  # fmt: skip
+    assert (
+        float(nees["7.5:4", "ekf"]["mean"]) > 5.0 > 3.0 > float(nees["7.5:4", "ekf-robot"]["mean"])
+    )
+    near = {(r["noise"], r["method"], r["quantity"]): r for r in table(out / "efficiency.csv")}
+    assert float(near["1", "smoother", "path"]["efficiency"]) < 1.4  # of three runs only
+    curves = table(out / "consistency.csv")
+    assert {row["state"] for row in curves} == {"x", "y", "heading", "pose"}
+    assert main(["study", str(out / "study.json"), "--out", str(again), "--jobs", "2"]) == 0
+    assert files_of(again) == files_of(out)
+
+
+def test_a_level_that_is_no_factor_is_refused(
+    scenario_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for wrong in ("much", "-1", "1:0"):
+        assert main(command(scenario_file, tmp_path / "out", f"--noise={wrong}")) == 1
+        assert "one positive factor for all noise, as 2" in capsys.readouterr().err
+    file = tmp_path / "study.json"
+    file.write_text("{}")
+    assert main(["study", str(file), "--out", str(tmp_path / "out")]) == 1
+    assert "is no study.json of ours" in capsys.readouterr().err
+
+
+def test_a_level_multiplies_all_noise_stated_and_drawn() -> None:
+    scenario = load_scenario("narrow-grid")
+    quiet = simulate_measurements(scenario, 3)
+    loud = simulate_measurements(noisier(scenario, NoiseLevel.parse("2:3")), 3)
+    stated = [m.sightings["line"].cov for m in (quiet, loud)]
+    np.testing.assert_allclose(stated[1], 9.0 * stated[0])
+    wheels = [m.odometry.wheel_angle for m in (quiet, loud)]
+    assert wheels[0] is not None
+    assert wheels[1] is not None
+    true = wheels[0] - (wheels[1] - wheels[0])
+    exact = simulate_measurements(noisier(scenario, NoiseLevel(1e-9, 1.0)), 3)
+    np.testing.assert_allclose(true, exact.odometry.wheel_angle, atol=1e-6)
+    assert str(NoiseLevel.parse("2.5:2")) == "2.5:2"
+    assert str(NoiseLevel.parse("2")) == "2"

@@ -582,6 +582,7 @@ def test_shipped_scenarios_are_found_by_name() -> None:
         "grid",
         "huge",
         "long-loop",
+        "narrow-grid",
         "one-direction",
         "periodic",
         "sample",

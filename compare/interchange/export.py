@@ -17,7 +17,7 @@ from compare.results import tum_text
 from graphslam.errors import BadConfig
 from graphslam.plan import estimate_layers, plan_svg
 
-TRUTH = "truth"
+TRUTH, RERUN = "truth", "rerun"
 PREFERRED = "smoother"
 """Whose path and map are exported where none is named, if the run has it."""
 PLAN_SIZE = 960
@@ -49,19 +49,31 @@ def export(
         BadMeasurements: its files contradict each other.
         OSError: the file cannot be written.
     """
-    if to not in EXPORTERS:
-        raise BadConfig(f"cannot export to {to!r}; known: {', '.join(EXPORTERS)}")
+    if to not in (*EXPORTERS, RERUN):
+        raise BadConfig(f"cannot export to {to!r}; known: {', '.join((*EXPORTERS, RERUN))}")
     if table not in TABLES:
         raise BadConfig(f"there is no table {table!r}; known: {', '.join(TABLES)}")
     out = Path(out)
     if out.is_dir():
         raise BadConfig(f"{out}: is a folder; give the file to write")
     record, folder_method = _open(Path(result))
+    if to == RERUN:
+        return _rerun(record, out)
     text = EXPORTERS[to](record, _method(record, method or folder_method, to), table)
     with writing(out):
         out.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(out) as beside:
             beside.write_text(text, encoding="utf-8", newline="\n")
+    return out
+
+
+def _rerun(record: Record, out: Path) -> Path:
+    from compare.interchange.rerun_view import write_rerun
+
+    with writing(out):
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(out) as beside:
+            write_rerun(record, beside)
     return out
 
 

@@ -13,8 +13,8 @@ from compare.content import plain
 from compare.folders import whole_file, writing
 from compare.results import map_columns, write_csv, write_json
 from compare.two_maps import MapPair, compare_sources
+from compare.two_maps_overview import motion_content
 from compare.two_maps_sources import MERGED_FORMAT, Source, open_sources
-from compare.two_maps_tables import motion_content
 from compare.two_maps_words import ambiguity_text, probability
 from graphslam.errors import BadConfig
 from graphslam.estimate import Estimate

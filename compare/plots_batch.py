@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from compare.batch_table import BATCH_FIGURES
 from compare.plots_style import (
@@ -101,6 +102,9 @@ def _draw(ax: Axes, batch: Batch, drawn: Figure) -> None:
             shown += values
     if min(shown) > 0 and max(shown) > WIDE_RANGE * min(shown):
         ax.set_yscale("log")
+        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,g}"))
+        ax.yaxis.set_minor_formatter(NullFormatter())
     else:
         ax.set_ylim(bottom=0.0)
     if drawn.name in HONEST:

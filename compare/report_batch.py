@@ -65,13 +65,16 @@ def _sentence(duel: Duel) -> str:
     ratio = duel.median_ratio
     if 2 * wins < duel.logs:
         better, other, wins, ratio = other, better, duel.logs - wins, 1.0 / ratio
-    lead = f"{better} has the better {what} in {wins} of {duel.logs} logs"
     if 2 * wins == duel.logs:
-        lead = f"{better} and {other} have the better {what} in {wins} logs each"
-    chance = "" if duel.p < CERTAIN else ", which chance may explain"
+        lead = f"{better} and {other} have the smaller {what} error in {wins} logs each"
+        return f"{lead}, {better}’s being {number(ratio)} times {other}’s in the median."
+    chance = ""
+    if duel.p >= CERTAIN:
+        few = wins == duel.logs
+        chance = ": too few logs to be sure" if few else ": chance may explain it"
     return (
-        f"{lead}, {better}’s error being {number(ratio)} times that of {other} in the median "
-        f"(two-sided sign test: p = {number(duel.p, 2)}{chance})."
+        f"{better} has the smaller {what} error in {wins} of {duel.logs} logs, {number(ratio)} "
+        f"times {other}’s in the median (two-sided sign test: p = {number(duel.p, 2)}{chance})."
     )
 
 

@@ -13,13 +13,8 @@ import numpy as np
 from compare.agreement import agreement
 from compare.align import rigid_from_points
 from compare.arrays import freeze_arrays
-from compare.two_maps_sources import (
-    MEASUREMENTS_FILE,
-    Relation,
-    Source,
-    open_sources,
-    relation,
-)
+from compare.two_maps_relation import Relation, relation
+from compare.two_maps_sources import MEASUREMENTS_FILE, Source, open_sources
 from compare.two_paths import FEWEST_POSES, PathDifference, common_times, path_difference
 from graphslam.errors import BadConfig
 from graphslam.geometry import Array, interpolate_poses

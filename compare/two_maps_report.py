@@ -10,15 +10,20 @@ from typing import Any
 
 import numpy as np
 
+from compare.interchange.latex import texts_latex
 from compare.pages import template
 from compare.plots_style import Plot, style, themed
 from compare.plots_two_maps import colours, differences, path_differences, plan
 from compare.results import whole_folder, write_csv, write_json
 from compare.two_maps import MapPair
-from compare.two_maps_tables import (
+from compare.two_maps_overview import (
     ALTERNATIVE_HEADINGS,
-    FORMAT,
+    OVERVIEW_HEADINGS,
     alternative_rows,
+    overview_rows,
+)
+from compare.two_maps_tables import (
+    FORMAT,
     content,
     facts,
     line_columns,
@@ -33,7 +38,7 @@ FILE = "comparison.json"
 
 
 def write_comparison(pairs: Sequence[MapPair], folder: Path) -> Path:
-    """Writes report.html, comparison.json, lines.csv and plots/*; equal input, equal bytes.
+    """Writes the page, comparison.json, lines.csv, lines.tex and plots/*; equal input, equal bytes.
 
     Args:
         pairs: at least one.
@@ -55,6 +60,7 @@ def write_comparison(pairs: Sequence[MapPair], folder: Path) -> Path:
             _write(fresh / "plots" / f"{plot.name}.svg", plot.standalone())
         write_json(fresh / FILE, content(pairs))
         write_csv(fresh / "lines.csv", _all_lines(pairs))
+        _write(fresh / "lines.tex", _latex(pairs))
         _write(fresh / "report.html", _page(pairs, drawn))
     return folder / "report.html"
 
@@ -93,12 +99,28 @@ def _all_lines(pairs: Sequence[MapPair]) -> dict[str, Any]:
     return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
 
 
+def _latex(pairs: Sequence[MapPair]) -> str:
+    """Returns the tables of the common lines for a paper, one a pair."""
+    return "\n".join(
+        texts_latex(
+            ["line of the first", *line_headings(pair)],
+            [[row["label"], *row["cells"]] for row in line_rows(pair)],
+            f"Lines of {pair.b.label} against those of {pair.a.label}. {table_caption(pair)}",
+            f"tab:lines-{number}",
+        )
+        for number, pair in enumerate(pairs, start=1)
+        if pair.test is not None
+    )
+
+
 def _page(pairs: Sequence[MapPair], drawn: Sequence[dict[str, Plot]]) -> str:
     sources = [pairs[0].a, *(pair.b for pair in pairs)]
     names = [source.label for source in sources]
     html: str = template("two_maps.html").render(
         title=_title(names),
         version=version("floorline-slam"),
+        overview=overview_rows(pairs) if len(pairs) > 1 else [],
+        overview_headings=OVERVIEW_HEADINGS,
         alternative_headings=ALTERNATIVE_HEADINGS,
         sources=[facts(source) for source in sources],
         pairs=[_section(*both) for both in zip(pairs, drawn, strict=True)],

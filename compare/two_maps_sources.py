@@ -24,6 +24,7 @@ PREFERRED = "smoother"
 MERGED_FORMAT = "graphslam-merged-map/1"
 """Format of the file beside a merged map that tells what it is made of."""
 LOG_FILE, RUN_FILE, MEASUREMENTS_FILE = "log.toml", "run.json", "measurements.npz"
+METRICS_FILE = "metrics.json"
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +47,8 @@ class Source:
         measurements: hash of the measurements it was estimated from, "" where unknown.
         estimate: all of the estimate, or None for what is none.
         run: folder of the run that it is from, or None.
+        truth_errors: what ground truth says of it: RMS errors of path and map, m, each after one
+            rigid motion of its own; None where not known.
     """
 
     label: str
@@ -62,6 +65,7 @@ class Source:
     measurements: str = ""
     estimate: Estimate | None = None
     run: Path | None = None
+    truth_errors: tuple[float | None, float | None] = (None, None)
 
     @property
     def is_estimate(self) -> bool:
@@ -152,6 +156,7 @@ def _of_map(path: Path) -> Source:
 
 
 def _with_estimate(source: Source, estimate: Estimate) -> Source:
+    errors = (None, None) if source.run is None else _truth_errors(source.run, estimate.method)
     return replace(
         source,
         what=f"{estimate.method} estimate",
@@ -159,7 +164,15 @@ def _with_estimate(source: Source, estimate: Estimate) -> Source:
         pose=estimate.pose,
         cov_floor=estimate.cov_floor,
         estimate=estimate,
+        truth_errors=errors,
     )
+
+
+def _truth_errors(run: Path, method: str) -> tuple[float | None, float | None]:
+    """Returns what a run's metrics.json says of the path and the map of one of its methods."""
+    figures = _content(run / METRICS_FILE).get("methods", {}).get(method, {})
+    path, map_ = figures.get("trajectory") or {}, figures.get("map") or {}
+    return path.get("aligned_rmse_m"), map_.get("rho_rmse_m")
 
 
 def _label(file: Path, info: dict[str, Any]) -> str:
@@ -225,63 +238,20 @@ def _logs(info: dict[str, Any]) -> tuple[str, ...]:
 
 def _merged_logs(file: Path) -> tuple[str, ...]:
     """Returns the logs behind a merged map; none where the file is none of ours."""
-    try:
-        content = json.loads(file.with_suffix(".json").read_text(encoding="utf-8"))
-        return tuple(content["logs"]) if content.get("format") == MERGED_FORMAT else ()
-    except (AttributeError, KeyError, OSError, TypeError, ValueError, RecursionError):
-        return ()
+    content = _content(file.with_suffix(".json"))
+    return tuple(content.get("logs", ())) if content.get("format") == MERGED_FORMAT else ()
 
 
 def _run_info(folder: Path) -> dict[str, Any]:
     """Returns the content of a run's run.json; empty where the folder is none of a run."""
+    content = _content(folder / RUN_FILE)
+    return content if content.get("format") == RUN_FORMAT else {}
+
+
+def _content(path: Path) -> dict[str, Any]:
+    """Returns what a JSON file holds; empty where it holds no object, or cannot be read."""
     try:
-        content = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return {}
-    ours = isinstance(content, dict) and content.get("format") == RUN_FORMAT
-    return content if ours else {}
-
-
-# ---- how two belong together ------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class Relation:
-    """What two sources have in common.
-
-    Attributes:
-        same_measurements: both are estimates from the very same measurements.
-        same_log: both come from one log, so that they share a clock.
-        independent: whether their errors have nothing in common, as far as is known.
-        why: the reason, for people.
-    """
-
-    same_measurements: bool
-    same_log: bool
-    independent: bool
-    why: str
-
-
-def relation(a: Source, b: Source) -> Relation:
-    """Returns how two sources belong together."""
-    same_log = len(a.logs) == 1 and a.logs == b.logs
-    same = bool(a.measurements) and a.measurements == b.measurements
-    truth = [s for s in (a, b) if s.certainty == "exact"]
-    if truth:
-        why = f"only one map’s covariance counts, because {truth[0].label} is taken as exact"
-        return Relation(same, same_log, True, why)
-    if same:
-        why = "both are estimates from the same measurements, so their errors are correlated"
-        return Relation(True, same_log, False, why)
-    if same_log:
-        why = "both come from the same log, so their errors are correlated"
-        return Relation(False, True, False, why)
-    if set(a.logs) & set(b.logs):
-        why = "both hold measurements of one log, so their errors are correlated"
-        return Relation(False, False, False, why)
-    if a.logs and b.logs:
-        why = "the maps come from different logs, so their errors are independent"
-        return Relation(False, False, True, why)
-    unknown = " and ".join(s.label for s in (a, b) if not s.logs)
-    why = f"nothing tells which log {unknown} is from, so the maps are taken as independent"
-    return Relation(False, False, True, why)
+    return content if isinstance(content, dict) else {}

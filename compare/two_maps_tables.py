@@ -12,25 +12,18 @@ from compare.content import plain
 from compare.metrics import rms
 from compare.report_tables import DASH, fixed, number
 from compare.two_maps import MapPair
+from compare.two_maps_overview import alternatives, motion_content
 from compare.two_maps_sources import Source
 from compare.two_maps_words import (
     CERTAINTY,
     expected,
     in_sigmas,
-    motion_figures,
-    probability,
     reasons,
     smaller_sigma,
     verdict,
 )
 from compare.two_paths import PathDifference
-from graphslam.geometry import Array
 
-ALTERNATIVE_HEADINGS = (
-    "x (m)", "y (m)", "turn (°)", "lines", "in agreement (m)", "offset, RMS (mm)",
-    "χ² per degree of freedom", "p",
-)  # fmt: skip
-"""Headings of `alternative_rows`."""
 FORMAT = "graphslam-map-comparison/1"
 
 
@@ -143,7 +136,14 @@ def content(pairs: Sequence[MapPair]) -> dict[str, Any]:
     found = {
         "format": FORMAT,
         "sources": [
-            {**facts(s), "path": str(s.path), "lines": len(s.map), "poses": len(s.t)}
+            {
+                **facts(s),
+                "path": str(s.path),
+                "lines": len(s.map),
+                "poses": len(s.t),
+                "path_error_by_truth_m": s.truth_errors[0],
+                "map_error_by_truth_m": s.truth_errors[1],
+            }
             for s in sources
         ],
         "pairs": [_pair(pair) for pair in pairs],
@@ -179,7 +179,7 @@ def _pair(pair: MapPair) -> dict[str, Any]:
         and {
             "unique": unsure.unique,
             "second_over_best": unsure.ratio,
-            "equal": _alternatives(pair),
+            "equal": alternatives(pair),
             "more": unsure.more,
             "periods_m": unsure.periods,
             "turns_deg": np.degrees(unsure.turns),
@@ -202,53 +202,6 @@ def _pair(pair: MapPair) -> dict[str, Any]:
         "path": None if pair.path is None else numbers(pair.path),
         "no_path": pair.no_path or None,
     }
-
-
-def _alternatives(pair: MapPair) -> list[dict[str, Any]]:
-    """Returns all alignments that fit equally well for comparison.json, the one taken first."""
-    assert pair.choice is not None
-    return [
-        {
-            **motion_content(alignment.motion),
-            "in_question": k < pair.choice.in_question,
-            "matched": len(alignment.matches),
-            "agree_m": alignment.agree_m,
-            "offset_rms_m": rms(test.offset),
-            "chi2": test.chi2,
-            "freedom": test.freedom,
-            "probability": test.probability,
-        }
-        for k, (alignment, test) in enumerate(
-            zip(pair.alternatives, pair.choice.tests, strict=True)
-        )
-    ]
-
-
-def alternative_rows(pair: MapPair) -> list[list[str]]:
-    """Returns the table of alignments that fit equally well as texts; empty where only one does."""
-    if len(pair.alternatives) < 2:
-        return []
-    return [
-        [
-            fixed(row["x_m"], 3),
-            fixed(row["y_m"], 3),
-            fixed(row["turn_deg"], 2),
-            number(row["matched"]),
-            fixed(row["agree_m"], 2),
-            fixed(1e3 * row["offset_rms_m"], 2),
-            number(row["chi2"] / row["freedom"] if row["freedom"] else None),
-            probability(row["probability"]).removeprefix("p ").removeprefix("= ")
-            if row["freedom"]
-            else DASH,
-        ]
-        for row in _alternatives(pair)
-    ]
-
-
-def motion_content(motion: Array) -> dict[str, float]:
-    """Returns a motion (3,) for JSON."""
-    x, y, turn = motion_figures(motion)
-    return {"x_m": x, "y_m": y, "turn_deg": turn}
 
 
 def _rows(columns: dict[str, Any]) -> list[dict[str, Any]]:

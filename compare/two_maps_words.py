@@ -83,9 +83,9 @@ def _correlated(test: MapTest, size: str, figures: str) -> str:
     if own < 1.0:
         return (
             f"The maps are the same within what either claims to know: they differ by {size}, "
-            f"{share} of the smaller σ RMS, and {largest}."
+            f"{share} of the surer map’s σ RMS, and {largest}."
         )
-    return f"The maps differ by {size}: {share} of the smaller σ RMS, and {largest}."
+    return f"The maps differ by {size}: {share} of the surer map’s σ RMS, and {largest}."
 
 
 def expected(test: MapTest) -> float:
@@ -131,6 +131,7 @@ def _reasons(pair: MapPair) -> Iterator[str]:
             )
         yield _outliers(pair)
         yield _excess(pair)
+    yield _by_truth(pair)
     for source in (a, b):
         if source.certainty == "blocks":
             yield (
@@ -231,6 +232,18 @@ def _outliers(pair: MapPair) -> str:
         for k in far[np.argsort(-worst[far], kind="stable")][:8]
     ]
     return f"Beyond {NOTABLE_SIGMAS:.0f} σ, by the first map’s numbers: line {', '.join(names)}."
+
+
+def _by_truth(pair: MapPair) -> str:
+    """Returns what ground truth says of two estimates; empty where it says nothing of both."""
+    parts = []
+    for what, k in (("paths", 0), ("maps", 1)):
+        a, b = pair.a.truth_errors[k], pair.b.truth_errors[k]
+        if a is not None and b is not None:
+            parts.append(f"the {what} are off by {millimetres(a)} and {millimetres(b)} RMS")
+    if not parts:
+        return ""
+    return f"By ground truth, after a rigid motion of its own each, {' and '.join(parts)}."
 
 
 def _excess(pair: MapPair) -> str:

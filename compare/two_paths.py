@@ -9,7 +9,8 @@ import numpy as np
 from compare.align import rigid_from_points
 from compare.arrays import freeze_arrays
 from compare.metrics import rms
-from compare.two_maps_sources import Relation, Source
+from compare.two_maps_relation import Relation
+from compare.two_maps_sources import Source
 from graphslam.geometry import Array, compose, interpolate_poses, wrap
 
 FEWEST_POSES = 3

@@ -24,9 +24,13 @@ SPECIAL = {
     "~": r"\textasciitilde{}",
     "^": r"\textasciicircum{}",
     "−": "$-$",
+    "±": r"$\pm$",
     "ρ": r"$\rho$",
     "α": r"$\alpha$",
     "σ": r"$\sigma$",
+    "χ": r"$\chi$",
+    "Δ": r"$\Delta$",
+    "²": r"$^2$",
     "°": r"$^\circ$",
     DASH: "--",
 }
@@ -95,6 +99,15 @@ def map_latex(estimate: Estimate, log: str) -> str:
     )
     caption = f"Lines of the map by {estimate.method} on {log}, floor frame."
     return _table("r" * 8, head, rows, escape(caption), "tab:map")
+
+
+def texts_latex(
+    headings: Sequence[str], rows: Sequence[Sequence[str]], caption: str, label: str
+) -> str:
+    """Returns a table of texts, the numbers in it to the right."""
+    body = [r"\midrule", *(_row([escape(text) for text in row]) for row in rows)]
+    head = _row([escape(text) for text in headings])
+    return _table("r" * len(headings), head, body, escape(caption), label)
 
 
 def _cell(text: str, best: bool) -> str:

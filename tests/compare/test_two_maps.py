@@ -17,8 +17,9 @@ from compare.cli import main
 from compare.map_files import read_map_file
 from compare.merge import merge_maps
 from compare.two_maps import compare_maps
-from compare.two_maps_sources import open_source, open_sources, relation
-from compare.two_maps_words import verdict
+from compare.two_maps_relation import relation
+from compare.two_maps_sources import open_source, open_sources
+from compare.two_maps_words import millimetres, verdict
 from graphslam.errors import BadConfig
 from graphslam.estimate import Estimate
 from graphslam.geometry import between, line_to_robot
@@ -112,7 +113,7 @@ def test_filter_and_smoother_are_set_against_what_they_claim_and_not_called_inde
     assert pair.tied == "start"
     assert pair.test is not None
     assert pair.test.scale == 2.0
-    assert "no combination of lines" in verdict(pair) or "hundredth" in verdict(pair)
+    assert verdict(pair).startswith("The maps are the same")
     assert " p " not in verdict(pair)
     assert pair.path is not None
     assert len(pair.path.t) == 130
@@ -123,6 +124,9 @@ def test_filter_and_smoother_are_set_against_what_they_claim_and_not_called_inde
     page = (tmp_path / "out" / "report.html").read_text()
     assert "correlated" in page
     assert page.count("<svg") == 3
+    judged = json.loads((folder / "metrics.json").read_text())["methods"]
+    rms = [millimetres(judged[m]["trajectory"]["aligned_rmse_m"]) for m in ("ekf", "smoother")]
+    assert f"the paths are off by {rms[0]} and {rms[1]} RMS" in page
 
 
 def test_a_result_against_the_truth_is_tied_by_the_clock_and_tested_by_its_own_covariance(
@@ -178,6 +182,14 @@ def test_several_maps_are_all_held_against_the_first(home: Path, tmp_path: Path)
     assert page.count('<section id="pair-') == 3
     ids = re.findall(r' id="([^"]+)"', page)
     assert len(ids) == len(set(ids))
+    overview = page.split('id="overview"')[1].split("</section>")[0]
+    assert [f'href="#pair-{k}"' in overview for k in (1, 2, 3)] == [True] * 3
+    assert "χ² / freedom" in overview
+    tables = (tmp_path / "out" / "lines.tex").read_text()
+    assert tables.count(r"\begin{tabular}") == tables.count(r"\end{tabular}") == 3
+    rows = [row.count("&") for row in tables.splitlines() if row.endswith(r"\\")]
+    assert set(rows) == {9}
+    assert len(rows) == 3 + sum(len(pair.test.matches) for pair in pairs if pair.test is not None)
 
 
 def test_the_page_needs_no_network_and_is_the_same_each_time(home: Path, tmp_path: Path) -> None:
@@ -316,6 +328,14 @@ def test_a_periodic_floor_is_merged_only_where_the_user_says_so(tmp_path: Path) 
     a, b = lattice(tmp_path / "a.csv", 0.0), lattice(tmp_path / "b.csv", 0.1)
     with pytest.raises(BadConfig, match=r"repeat every 0\.600 m along 0° and 0\.600 m along 90°"):
         merge_maps(a, b)
+    [pair] = compare_maps([a, b], tmp_path / "out")
+    assert pair.choice is not None
+    assert pair.choice.in_question == len(pair.alternatives) > 1
+    found = json.loads((tmp_path / "out" / "comparison.json").read_text())["pairs"][0]["ambiguity"]
+    assert len(found["equal"]) == len(pair.alternatives)
+    page = (tmp_path / "out" / "report.html").read_text()
+    listed = page.split("Alignments that fit equally well</h3>")[1].split("</section>")[0]
+    assert listed.count("<tr>") == 1 + len(pair.alternatives)
     same = merge_maps(a, b, near=(-0.1, -0.1, 0.0))
     assert len(same.merged.map) == 8
     beside = merge_maps(a, b, near=(0.5, -0.1, 0.0))

@@ -159,10 +159,9 @@ def path_differences(pair: MapPair, name: str) -> Plot | None:
         ax.axhline(0.0, color=INK, lw=0.5, alpha=0.5)
         ax.set(xlabel="time (s)", ylabel=f"{quantity} ({unit})")
         data[f"{quantity}_{unit.replace('°', 'deg')}"] = values
-    if bands:
-        shown = " Bands: three sigma (99.7 % of a Gaussian) of each path’s own covariance."
-    else:
-        shown = ""
+    shown = (
+        " Bands: three sigma (99.7 % of a Gaussian) of each path, in its colour." if bands else ""
+    )
     return Plot(
         name,
         "Paths at common times",

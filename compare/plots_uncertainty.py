@@ -84,8 +84,8 @@ def line_variance(record: Record) -> Plot | None:
     made, grid = figure(2.6, 1, 2, sharex=True)
     for name, estimate in record.estimates.items():
         line = estimate.map.most_seen("line")
-        if line is None:
-            continue
+        if line is None or not estimate.landmark_cov(line).any():
+            continue  # nothing seen, or known exactly
         style = {"color": method_colour(name), "ls": METHOD_DASHES.get(name, "-")}
         for axis, (symbol, unit, scale) in enumerate(LINE_QUANTITIES):
             values = _variance_of(estimate, line, axis)

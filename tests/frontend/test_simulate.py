@@ -583,6 +583,7 @@ def test_shipped_scenarios_are_found_by_name() -> None:
         "huge",
         "long-loop",
         "narrow-grid",
+        "noisy-grid",
         "one-direction",
         "periodic",
         "sample",

@@ -351,7 +351,10 @@ def open_log(
         from frontend.readers.bag import read_bag
 
         return read_bag(path, None if robot is None else Path(robot), progress)
-    raise BadLog(f"{path}: {found}; give a folder with a log.toml in it (docs/log-format.md)")
+    raise BadLog(
+        f"{path}: {found}; give a folder with a log.toml in it (docs/log-format.md), or a bag "
+        "(docs/bags.md)"
+    )
 
 
 def _what_is(path: Path) -> str:

@@ -14,6 +14,7 @@ import pytest
 from compare.cli import main
 from frontend.log import open_log
 from frontend.readers.log_toml import floor_cameras, read_log_toml
+from frontend.readers.robot_toml import read_robot_file
 from frontend.simulate import load_scenario
 
 ROOT = Path(__file__).parents[1]
@@ -74,8 +75,12 @@ def tutorial(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_tutorial_runs_from_the_first_command_to_the_last(tutorial: Path) -> None:
     runs = sorted(path.parent.name for path in tutorial.glob("results/*/report.html"))
-    assert runs == ["calibrated", "part", "sample", "thinned"]
+    assert runs == ["calibrated", "drive", "part", "sample", "thinned"]
     assert (tutorial / "results" / "sample-inspect" / "lines.jpg").is_file()
+    proposed = read_robot_file(tutorial / "results" / "look" / "robot.toml")
+    assert proposed.topics.images == {"floor": "/camera/floor/image"}
+    clock = tomllib.loads((tutorial / "clock.toml").read_text())["extract"]["camera_offset_s"]
+    assert abs(clock) < 0.005
     assert (tutorial / "results" / "sample" / "smoother" / "trajectory.csv").is_file()
     noise = tomllib.loads((tutorial / "noise.toml").read_text())["extract"]["noise"]
     assert noise["rho_factor"] < 1.0
@@ -96,6 +101,16 @@ def test_the_tutorials_log_toml_is_one(tmp_path: Path) -> None:
     path = tmp_path / "log.toml"
     path.write_text(marked[0].text)
     content = read_log_toml(path)
+    assert content.robot is not None
+    content.robot.drive(geometry_needed=True)
+    assert list(floor_cameras(path, content)[0]) == ["floor"]
+
+
+def test_the_robot_file_of_the_bags_page_is_one(tmp_path: Path) -> None:
+    text = next(b.text for b in blocks(ROOT / "docs" / "bags.md") if "graphslam-robot/1" in b.text)
+    path = tmp_path / "robot.toml"
+    path.write_text(text)
+    content = read_robot_file(path)
     assert content.robot is not None
     content.robot.drive(geometry_needed=True)
     assert list(floor_cameras(path, content)[0]) == ["floor"]

@@ -16,11 +16,13 @@ from frontend.readers.bag_parts import (
     LARGEST_RECORD,
     Broken,
     Channel,
+    CutOff,
     Losses,
     Message,
     Place,
     Progress,
     decompressed,
+    decompressed_part,
     unpack,
 )
 from frontend.readers.bag_types import normal_type
@@ -65,6 +67,8 @@ class McapFile:
                     at += _HEAD + length
                 except Broken as problem:
                     losses.add(str(problem), f"byte {at}")
+                    if isinstance(problem, CutOff):
+                        yield from self._records(_content_at(stream, at, size), at, None)
                     at = _next_chunk(stream, at + 1, size)
                 progress(min(at, size), size)
             if not whole:
@@ -87,9 +91,7 @@ class McapFile:
         with self._lock:
             if at not in self._chunks:
                 with self.path.open("rb") as stream:
-                    _, length = _head(stream, at, self.path.stat().st_size)
-                    stream.seek(at + _HEAD)
-                    self._chunks[at] = _chunk_content(stream.read(length))
+                    self._chunks[at] = _content_at(stream, at, self.path.stat().st_size)
             self._chunks.move_to_end(at)
             while len(self._chunks) > _KEPT_CHUNKS:
                 self._chunks.popitem(last=False)
@@ -114,18 +116,24 @@ class McapFile:
         except Broken as problem:
             losses.add(str(problem), f"byte {at}")
             return
+        yield from self._records(content, at, losses)
+
+    def _records(self, content: bytes, at: int, losses: Losses | None) -> Iterator[Message]:
+        """Yields the messages of a chunk; of one that is cut off (no ``losses``) the whole ones."""
         inside, view = 0, memoryview(content)
         while inside + _HEAD <= len(content):
             op, (length,) = view[inside], unpack(_U64, view, inside + 1)
             start = inside + _HEAD
-            if length > len(content) - start:
-                losses.add("a record in a chunk declares more bytes than are left", f"byte {at}")
+            if op == CHUNK or length > len(content) - start:
+                if losses is not None:
+                    losses.add("a chunk holds bytes that are no record of one", f"byte {at}")
                 return
             place = Place(self._number, at, start, 0)
             try:
                 yield from self._in_chunk(op, view[start : start + length], place)
             except Broken as problem:
-                losses.add(str(problem), f"byte {at}")
+                if losses is not None:
+                    losses.add(str(problem), f"byte {at}")
             inside = start + length
 
     def _in_chunk(self, op: int, data: memoryview, start: Place) -> Iterator[Message]:
@@ -161,8 +169,28 @@ def _head(stream: BinaryIO, at: int, size: int) -> tuple[int, int]:
     if op == 0 or LAST_OP < op < 0x80:
         raise Broken("bytes that are no record")
     if length > size - at - _HEAD:
-        raise Broken("a record declares more bytes than are left in the file")
+        raise CutOff("a record declares more bytes than are left in the file")
     return op, length
+
+
+def _content_at(stream: BinaryIO, at: int, size: int) -> bytes:
+    """Returns the content of a chunk, of one that is cut off what there is of it."""
+    try:
+        _, length = _head(stream, at, size)
+        stream.seek(at + _HEAD)
+        return _chunk_content(stream.read(length))
+    except CutOff:
+        stream.seek(at)
+        if stream.read(1) != bytes([CHUNK]):
+            return b""
+        stream.seek(at + _HEAD)
+        data = stream.read(min(LARGEST_RECORD, size - at))
+        try:
+            _, _, whole, _ = unpack(_CHUNK, data)
+            how, start = _text(memoryview(data), _CHUNK.size)
+        except Broken:
+            return b""
+        return decompressed_part(data[start + 8 :], how, whole)
 
 
 def _chunk_content(data: bytes) -> bytes:

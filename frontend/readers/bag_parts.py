@@ -28,6 +28,10 @@ class Broken(Exception):
     """Bytes that are no record; the text says what is wrong with them."""
 
 
+class CutOff(Broken):
+    """A record that declares more bytes than are left; its beginning may be of use."""
+
+
 @dataclass(frozen=True, slots=True)
 class Channel:
     """One stream of messages.
@@ -139,6 +143,17 @@ def decompressed(data: bytes, how: str, size: int) -> bytes:
     if len(content) != size:
         raise Broken("a chunk has not the size that it declares")
     return content
+
+
+def decompressed_part(data: bytes, how: str, size: int) -> bytes:
+    """Returns what the beginning of a chunk's data holds, at most ``size`` bytes; maybe nothing."""
+    size = min(size, LARGEST_RECORD)
+    if how in ("", "none"):
+        return data[:size]
+    try:
+        return _DECOMPRESSORS[how](data, size)
+    except (KeyError, OSError, ValueError, EOFError, RuntimeError, Broken):
+        return b""
 
 
 def _bz2(data: bytes, most: int) -> bytes:

@@ -14,11 +14,13 @@ from frontend.readers.bag_parts import (
     LARGEST_RECORD,
     Broken,
     Channel,
+    CutOff,
     Losses,
     Message,
     Place,
     Progress,
     decompressed,
+    decompressed_part,
     unpack,
 )
 from frontend.readers.bag_types import normal_type
@@ -60,6 +62,8 @@ class Ros1File:
                     at = start + length
                 except Broken as problem:
                     losses.add(str(problem), f"byte {at}")
+                    if isinstance(problem, CutOff):
+                        yield from self._in_chunk(_content_at(stream, at, size), at, None)
                     at = _next_chunk(stream, at + 1, size)
                 progress(min(at, size), size)
         if not indexed:
@@ -85,9 +89,7 @@ class Ros1File:
         with self._lock:
             if at not in self._chunks:
                 with self.path.open("rb") as stream:
-                    fields, start, length = _record(stream, at, self.path.stat().st_size)
-                    stream.seek(start)
-                    self._chunks[at] = _content(fields, stream.read(length))
+                    self._chunks[at] = _content_at(stream, at, self.path.stat().st_size)
             self._chunks.move_to_end(at)
             while len(self._chunks) > _KEPT_CHUNKS:
                 self._chunks.popitem(last=False)
@@ -117,18 +119,26 @@ class Ros1File:
         except Broken as problem:
             losses.add(str(problem), f"byte {at}")
             return
+        yield from self._in_chunk(content, at, losses)
+
+    def _in_chunk(self, content: bytes, at: int, losses: Losses | None) -> Iterator[Message]:
+        """Yields the messages of a chunk; of one that is cut off (no ``losses``) the whole ones."""
         inside = 0
         while inside < len(content):
             try:
                 fields, start, length = _parse(content, inside)
             except Broken as problem:
-                losses.add(f"in a chunk, {problem}", f"byte {at}")
+                if losses is not None:
+                    losses.add(f"in a chunk, {problem}", f"byte {at}")
+                return
+            if _op(fields) == CHUNK:  # beyond the end of one that declares too much
                 return
             place = Place(self._number, at, start, length)
             try:
                 yield from self._message(fields, memoryview(content)[start : start + length], place)
             except Broken as problem:
-                losses.add(str(problem), f"byte {at}")
+                if losses is not None:
+                    losses.add(str(problem), f"byte {at}")
             inside = start + length
 
     def _message(
@@ -167,7 +177,7 @@ def _record(stream: BinaryIO, at: int, size: int) -> tuple[dict[bytes, bytes], i
     fields = _fields(content[:header])
     _op(fields)
     if length > size - at - 8 - header:
-        raise Broken("a record declares more bytes than are left in the file")
+        raise CutOff("a record declares more bytes than are left in the file")
     return fields, at + 8 + header, length
 
 
@@ -207,6 +217,24 @@ def _op(fields: dict[bytes, bytes]) -> int:
 def _content(fields: dict[bytes, bytes], data: bytes) -> bytes:
     (size,) = unpack(_U32, fields.get(b"size", b""))
     return decompressed(data, fields.get(b"compression", b"").decode("ascii", "replace"), size)
+
+
+def _content_at(stream: BinaryIO, at: int, size: int) -> bytes:
+    """Returns the content of a chunk, of one that is cut off what there is of it."""
+    try:
+        fields, start, length = _record(stream, at, size)
+        stream.seek(start)
+        return _content(fields, stream.read(length))
+    except CutOff:
+        stream.seek(at)
+        (header,) = unpack(_U32, stream.read(4))
+        fields = _fields(stream.read(header))
+        if _op(fields) != CHUNK:
+            return b""
+        (whole,) = unpack(_U32, fields.get(b"size", b""))
+        stream.seek(at + 8 + header)
+        how = fields.get(b"compression", b"").decode("ascii", "replace")
+        return decompressed_part(stream.read(min(LARGEST_RECORD, size - at)), how, whole)
 
 
 def _next_chunk(stream: BinaryIO, at: int, size: int) -> int:

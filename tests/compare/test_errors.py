@@ -26,6 +26,7 @@ from compare.cli import main
 from compare.folders import recover
 from compare.results import whole_folder
 from tests.compare.tiny_log import write_tiny_log
+from tests.frontend.recordings import Bag
 from tests.frontend.small_logs import CAMERA, LOG_TOML, WHEELS, write_log
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "errors.md"
@@ -67,12 +68,37 @@ def homography(text: str) -> dict[str, Any]:
     return images(camera=f"[camera]\nimage_size = [32, 24]\nhomography = {text}\n")
 
 
+def a_bag(folder: Path) -> None:
+    with Bag(folder / "x.bag", 1) as bag:
+        for k in range(400):
+            bag.odometry(0.1 * k, 0.01 * k)
+    text = 'format = "graphslam-robot/1"\n[topics]\nodometry = "/odmo"\n'
+    (folder / "robot.toml").write_text(text)
+
+
+def half_a_bag(folder: Path) -> None:
+    a_bag(folder)
+    data = (folder / "x.bag").read_bytes()
+    (folder / "x.bag").write_bytes(data[: int(0.9 * len(data))])
+
+
+def images_alone(folder: Path) -> None:
+    with Bag(folder / "x.bag", 1) as bag:
+        bag.image(0.0, np.zeros((24, 32), np.uint8))
+
+
 RUN = Case.command
+BAG = ("run", "DIR/x.bag", "--methods", "odometry", "--out", "OUT")
 ERRORS = [
     # the folder
     Case("does not exist; give a folder", ("nowhere",), {}, ("run", "DIR/nowhere")),
     Case("this folder has no log.toml", ("DIR",), {}, ("run", "DIR")),
     Case("has neither wheels.csv nor odometry.csv", ("LOG",), {"wheels_csv": None}),
+    # bags
+    Case("is empty (0 bytes)", ("x.bag",), {}, BAG, lambda d: (d / "x.bag").touch()),
+    Case("is no bag", ("x.bag",), {}, BAG, lambda d: write_file(d / "x.bag", "t,left,right\n")),
+    Case("has no topic", ("'/odmo'", "'/odom'"), {}, (*BAG, "--robot", "DIR/robot.toml"), a_bag),
+    Case("nothing tells how the robot moved", ("/image",), {}, BAG, images_alone),
     # log.toml
     Case("is not valid TOML", ("log.toml:2",), settings(HEAD + "name = corridor\n")),
     Case("no format line", ("log.toml",), settings("name = 'x'\n")),
@@ -236,6 +262,7 @@ WARNINGS = [
     }),
     Case("sightings.csv: images are not searched", (), images(sightings_csv=SIGHTINGS)),
     Case("there is only odometry", (), {}),
+    Case("not all of the bag could be read", ("no index",), {}, BAG, half_a_bag),
 ]  # fmt: skip
 
 

@@ -40,11 +40,27 @@ class Bound:
     map_m: float
 
 
-def bound_of(estimate: Estimate, measurements: Measurements, at: str, truth: Truth) -> Bound:
-    """Returns the figures of a bound: an estimate as by `graphslam.smoother.bound.cramer_rao`."""
+def bound_of(
+    estimate: Estimate,
+    measurements: Measurements,
+    at: str,
+    truth: Truth,
+    counted: IntArray | None = None,
+) -> Bound:
+    """Returns the figures of a bound: an estimate as by `graphslam.smoother.bound.cramer_rao`.
+
+    Args:
+        estimate: the bound.
+        measurements: it is of.
+        at: where it was linearised, "truth" or "estimate".
+        truth: which lines were to be seen.
+        counted: rows of the lines that count for the map; those that were to be seen where None.
+    """
     position = np.sqrt(np.trace(estimate.cov_floor[:, :2, :2], axis1=1, axis2=2))
     lines, _ = estimate.map.of_kind(LINE.kind)
-    if at == "truth" and truth.seen is not None:
+    if counted is not None:
+        lines = lines[np.isin(lines, counted)]
+    elif at == "truth" and truth.seen is not None:
         lines = lines[np.isin(estimate.map.id[lines], truth.line_id[truth.seen])]
     offset, _ = line_sigmas(estimate, lines, seen_middles(estimate, measurements, lines))
     return Bound(

@@ -50,6 +50,7 @@ SHORT_FLAGS = {
     (MatchingConfig, "method"): arg(name="matching", prefix_name=False),
     (SmootherConfig, "robust"): arg(name="robust", prefix_name=False),
     (SmootherConfig, "rematch"): arg(name="rematch", prefix_name=False),
+    (Study, "what_if"): arg(name="what-if"),
 }
 """Options that are used so often that they have a flag without the path of their table. Only they
 are switches where they are true or false; the others take `True` or `False`, as the file does."""

@@ -20,8 +20,12 @@ FREEDOM = np.array([1, 1, 1, 3])
 CHANCE = 0.025
 """Probability on either side beyond which a consistency figure counts as over- or underconfident.
 The nodes of one run share their errors, so that a mean over them scatters almost like one node."""
-COORDINATE_CHANCE = CHANCE / 3.0
-"""The same for each of three coordinates, so that one in forty honest runs shows any."""
+COORDINATE_CHANCE = CHANCE / 30.0
+"""The same for each of three coordinates at about ten stretches of the way whose errors are nearly
+independent, so that one in forty honest runs shows any."""
+
+LEAST_FACTOR = 1.2
+"""Overconfidence below this factor is not spoken of, however many runs prove it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,14 +123,14 @@ def overconfidence(curve: Consistency) -> Overconfidence | None:
     """Returns the coordinate that a method is most overconfident in, and from where on; or None.
 
     It counts from the first distance at which the squared error lies above its band, provided that
-    the mean from there to the end does so, too.
+    the mean from there to the end does so, too, and by a factor of `LEAST_FACTOR`.
     """
     _, high = band(1, curve.runs, COORDINATE_CHANCE)
     found = []
     for column, state in enumerate(STATES[:3]):
         values = curve.nees[:, column]
         rest = np.cumsum(values[::-1])[::-1] / np.arange(len(values), 0, -1)
-        above = np.flatnonzero((values > high) & (rest > high))
+        above = np.flatnonzero((values > high) & (rest > max(high, LEAST_FACTOR**2)))
         if len(above):
             first = int(above[0])
             factor = math.sqrt(rest[first])

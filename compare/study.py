@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +26,10 @@ from frontend.extract import extract
 from frontend.simulate import NoiseLevel, Scenario, noisier, simulate_log
 from frontend.strict import from_dict
 from graphslam.errors import BadConfig
+
+if TYPE_CHECKING:
+    from frontend.log import Log
+    from graphslam.measurements import Measurements
 
 __all__ = ["FIGURES", "Figure", "Study", "Summary", "judge_seed", "read_study", "study"]
 
@@ -129,8 +133,7 @@ def study(
     job = partial(_judge_run, tuple(noisier(scenario, level) for level in levels), config)
     total = runs * len(levels)
     done = run_seeded(job, total, out, jobs=jobs, fingerprint=fingerprint, progress=progress)
-    result = Study(scenario.name, config.methods, levels, done, ())
-    result = replace(result, summary=_summary(result))
+    result = summed_up(scenario.name, config.methods, levels, done)
     if out is not None:
         with whole_file(out / "study.json") as path:
             write_json(path, about | {"runs": runs})
@@ -142,6 +145,17 @@ def study(
 
         write_study(result, out)
     return result
+
+
+def summed_up(
+    scenario: str,
+    methods: tuple[str, ...],
+    levels: tuple[NoiseLevel, ...],
+    runs: tuple[SeededRun, ...],
+) -> Study:
+    """Returns a study of runs that are done, in the order that `Study` says."""
+    result = Study(scenario, methods, levels, runs, ())
+    return replace(result, summary=_summary(result))
 
 
 def read_study(path: Path) -> tuple[Scenario, RunConfig, tuple[NoiseLevel, ...], int]:
@@ -162,13 +176,17 @@ def read_study(path: Path) -> tuple[Scenario, RunConfig, tuple[NoiseLevel, ...],
 
 
 def judge_seed(scenario: Scenario, config: RunConfig, seed: int) -> dict[str, Value]:
-    """Returns the figures of all methods for one seed, named ``method.figure``.
+    """Returns the figures of all methods for one seed, as `judge` names them."""
+    log = simulate_log(scenario, seed)
+    return judge(log, extract(log, config.extract), config)
+
+
+def judge(log: Log, measurements: Measurements, config: RunConfig) -> dict[str, Value]:
+    """Returns the figures of all methods for one run, named ``method.figure``.
 
     ``bound.path_m`` and the like are the fields of `compare.bound.Bound`, ``method.heading.07``
     the squared error over its variance at the seventh of `POINTS` distances, ``distance.07``.
     """
-    log = simulate_log(scenario, seed)
-    measurements = extract(log, config.extract)
     estimates, failed = run_methods(measurements, config, lambda name, call: call())
     for error in failed.values():
         raise error

@@ -25,6 +25,7 @@ class Study:
     A killed study goes on where it stopped when the same command is given again.
 
     Example: graphslam study grid --runs 200 --noise 1 2 4 --out studies/grid
+    Example: graphslam study my-log --what-if --out studies/what-if
     """
 
     scenario: Annotated[str, tyro.conf.Positional, arg(metavar="SCENARIO")]
@@ -37,6 +38,10 @@ class Study:
     noise: tuple[str, ...] = ("1",)
     """Levels of noise: factors on all standard deviations of the scenario, as 2, or on those of
     wheels and of sightings, as 2.5:2."""
+    what_if: bool = False
+    """Instead of many runs, one: how well its path, last pose and map can be known at all, and what
+    lines across, twice the frames, half the noise of sightings or of wheels would change. SCENARIO
+    may then be a log, too."""
     jobs: int = 0
     """Worker processes, one BLAS thread each; 0: as many as the machine has cores. It changes no
     result."""
@@ -48,6 +53,9 @@ class Study:
     def execute(self) -> int:
         """Does the runs that are missing, writes the tables and prints the summary."""
         from compare.console import Progress
+
+        if self.what_if:
+            return self._what_if()
         from compare.study import read_study, study
         from compare.study_answers import answers
         from frontend.simulate import NoiseLevel, load_scenario
@@ -75,6 +83,19 @@ class Study:
         if not result.failed:
             return DONE
         return FAILED if len(result.failed) == len(result.runs) else SOME_FAILED
+
+    def _what_if(self) -> int:
+        """Writes what would help one log, or one run of a scenario, and prints the answer."""
+        from compare.console import Progress
+        from compare.what_if import what_if_log
+        from compare.what_if_report import write_what_if
+
+        with Progress() as progress:
+            name, result, verdict = what_if_log(self.scenario, self.settings, progress)
+        page = write_what_if(result, name, verdict, self.out)
+        print("\n".join(result.sentences()))
+        print(page)
+        return DONE
 
 
 def _print_summary(result: Result) -> None:

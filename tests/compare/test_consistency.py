@@ -33,15 +33,15 @@ def curve(runs: int = 1, **columns: np.ndarray) -> Consistency:
 
 
 def test_a_factor_a_state_and_a_distance_are_named() -> None:
-    found = overconfidence(curve(heading=np.where(DISTANCE < 12.0, 1.0, 9.0)))
+    found = overconfidence(curve(heading=np.where(DISTANCE < 12.0, 1.0, 16.0)))
     assert found is not None
-    assert (found.state, found.factor) == ("heading", pytest.approx(3.0))
+    assert (found.state, found.factor) == ("heading", pytest.approx(4.0))
     assert found.from_m == pytest.approx(12.0, abs=0.1)
-    assert str(found) == "overconfident by a factor 3 in heading after 12 m"
+    assert str(found) == "overconfident by a factor 4 in heading after 12 m"
 
 
 def test_a_short_excursion_is_not_overconfidence() -> None:
-    assert overconfidence(curve(x=np.where(np.abs(DISTANCE - 5.0) < 0.5, 9.0, 1.0))) is None
+    assert overconfidence(curve(x=np.where(np.abs(DISTANCE - 5.0) < 0.5, 16.0, 1.0))) is None
 
 
 def test_many_runs_show_what_one_cannot() -> None:

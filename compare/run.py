@@ -6,7 +6,6 @@ import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -143,9 +142,14 @@ def open_as(
         config: its ``extract`` part counts; None for the defaults.
         progress: told how much of a bag is read.
     """
-    settings, name = (config or RunConfig()).extract, Path(path).name
-    tell = None if progress is None else partial(progress, f"{name}: read, bytes")
+    settings = (config or RunConfig()).extract
+    tell = None if progress is None else reading(progress, Path(path).name)
     return with_camera_offset(open_log(path, settings.robot, tell), settings.camera_offset_s)
+
+
+def reading(progress: Progress, name: str) -> Callable[[int, int], None]:
+    """Returns what tells the progress of reading a bag, in MB, from bytes."""
+    return lambda done, total: progress(f"{name}: read, MB", -(-done // 10**6), -(-total // 10**6))
 
 
 def extract_log(

@@ -137,6 +137,8 @@ def print_offset(found: TimeOffset, log: Log) -> None:
             f"{found.nodes} images, {found.sightings} line sightings"
         )
     )
+    if abs(found.offset_s) < 2.0 * found.sigma_s:
+        console.print(Text("that is below 2 sigma: no offset is as likely, none need be set"))
     if not math.isnan(found.coarse_s):
         console.print(Text(f"by correlation of the turning: {1e3 * found.coarse_s:+.0f} ms"))
     console.print(

@@ -66,13 +66,14 @@ class Inspect:
         if (self.log / "log.toml").exists() or not is_bag(self.log):
             return open_log(self.log, self.robot), None
         from compare.inspection import write_proposal
+        from compare.run import reading
         from compare.survey import ROBOT_FILE, print_survey
         from frontend.readers.bag import bag_name, open_collected, open_content, robot_of
         from frontend.survey import survey
         from graphslam.errors import BadLog
 
         robot = robot_of(self.robot)
-        content = open_content(self.log, partial(progress, f"{self.log.name}: read, bytes"))
+        content = open_content(self.log, reading(progress, self.log.name))
         told = survey(content, robot)
         out = self.out or Path("results") / f"{bag_name(self.log, robot)}-inspect"
         print_survey(told, out / ROBOT_FILE)

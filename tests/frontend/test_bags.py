@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 
 import cv2
@@ -11,6 +12,7 @@ from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 
 from frontend.extract import extract
+from frontend.images import read_grey
 from frontend.log import Log, open_log
 from frontend.readers.bag_files import files_of
 from frontend.readers.bag_parts import Losses
@@ -21,6 +23,7 @@ from graphslam.smoother import smooth
 from tests.frontend.recordings import (
     FORMATS,
     NAMES,
+    Bag,
     short_log,
     write_folder,
     write_robot_file,
@@ -130,3 +133,44 @@ def test_every_message_is_the_one_that_rosbags_reads(folder: Path, to: str):
                 assert file.read(m.place) == ours[-1][2]
     assert sorted(ours) == sorted(theirs)
     assert not losses.texts()
+
+
+# ---- size -------------------------------------------------------------------------------------
+
+
+def test_memory_does_not_grow_with_a_bag_and_its_progress_is_right(tmp_path: Path):
+    """Frames of 1 MB, 12 and 48 of them: `benchmarks/bag_streaming.py` does the same with 2 GB."""
+    frame = np.arange(1000 * 1000, dtype=np.uint32).astype(np.uint8).reshape(1000, 1000)
+    peaks = {}
+    for count in (12, 48):
+        with Bag(tmp_path / f"x{count}", 2) as bag:
+            for k in range(count):
+                bag.odometry(0.1 * k, 0.01 * k)
+                bag.image(0.1 * k, frame)
+        path = tmp_path / f"x{count}" / f"x{count}.mcap"
+        told: list[tuple[int, int]] = []
+        tracemalloc.start()
+        log = open_log(path, robot(tmp_path), lambda done, total: told.append((done, total)))  # noqa: B023
+        assert log.images is not None
+        for image in log.images.file[:: count // 4]:
+            grey = read_grey(image)
+            assert grey is not None
+            assert np.array_equal(grey, frame)
+        peaks[count] = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        done = [d for d, _ in told]
+        assert {total for _, total in told} == {path.stat().st_size}
+        assert done == sorted(done)
+        assert done[-1] == path.stat().st_size
+        assert 0.3 < np.interp(len(done) / 2, range(len(done)), done) / done[-1] < 0.7
+    assert peaks[48] < 1.2 * peaks[12]
+    assert peaks[48] < 24e6
+
+
+def robot(folder: Path) -> Path:
+    path = folder / "robot.toml"
+    path.write_text(
+        'format = "graphslam-robot/1"\n[camera]\nimage_size = [1000, 1000]\n'
+        "homography = [[0.0, -500.0, 500.0], [-400.0, 0.0, 1600.0], [2.0, 0.0, 1.0]]\n"
+    )
+    return path

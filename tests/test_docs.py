@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 import tomllib
@@ -75,7 +76,11 @@ def tutorial(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_tutorial_runs_from_the_first_command_to_the_last(tutorial: Path) -> None:
     runs = sorted(path.parent.name for path in tutorial.glob("results/*/report.html"))
-    assert runs == ["calibrated", "drive", "part", "sample", "thinned"]
+    assert runs == [
+        "calibrated", "compare-my-log-friday", "drive", "localised", "part", "sample", "thinned",
+    ]  # fmt: skip
+    assert (tutorial / "batches" / "week" / "batch.html").is_file()
+    assert json.loads((tutorial / "floor.json").read_text())["probability"] > 0.001
     assert (tutorial / "results" / "sample-inspect" / "lines.jpg").is_file()
     proposed = read_robot_file(tutorial / "results" / "look" / "robot.toml")
     assert proposed.topics.images == {"floor": "/camera/floor/image"}

@@ -16,10 +16,10 @@ from typing import Any, Literal
 
 from frontend.config import ExtractConfig
 from frontend.strict import from_dict, load_toml
-from graphslam.config import EkfConfig, SmootherConfig
+from graphslam.config import EkfConfig, IncrementalConfig, SmootherConfig
 from graphslam.errors import BadConfig
 
-Method = Literal["odometry", "ekf", "ekf-fej", "ekf-robot", "smoother"]
+Method = Literal["odometry", "ekf", "ekf-fej", "ekf-robot", "isam2", "fixed-lag", "smoother"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +29,9 @@ class RunConfig:
     methods: tuple[Method, ...] = ("odometry", "ekf", "smoother")
     """Methods to run and compare. odometry: the wheels alone. ekf: EKF-SLAM, causal. ekf-fej,
     ekf-robot: the same with covariances that stay honest, by first-estimates Jacobians or by
-    correcting what the robot sees. smoother: the factor graph over the whole log, started from the
-    filter's result."""
+    correcting what the robot sees. isam2: smoothing as the robot drives, causal. fixed-lag: the
+    same, each pose told a few seconds late. smoother: the factor graph over the whole log, started
+    from the filter's result."""
     known_map: str | None = None
     """A map to localise on: a map.csv, or the result folder of one method. Its lines stay where
     they are; sightings of none of them are dropped and counted (see ekf.extend_map)."""
@@ -40,6 +41,8 @@ class RunConfig:
     """EKF-SLAM."""
     smoother: SmootherConfig = field(default_factory=SmootherConfig)
     """Full smoothing by a factor graph."""
+    incremental: IncrementalConfig = field(default_factory=IncrementalConfig)
+    """Smoothing as the robot drives, node by node (isam2, fixed-lag)."""
 
     def __post_init__(self) -> None:
         if not self.methods:

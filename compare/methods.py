@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 
 from compare.config import RunConfig
 from graphslam.errors import BadConfig, GraphSlamError, UnderConstrained
-from graphslam.estimate import Estimate
+from graphslam.estimate import Estimate, Told
 from graphslam.measurements import Measurements
 
 Estimates = Mapping[str, Estimate]
@@ -22,10 +24,12 @@ class Method:
     Attributes:
         run: takes the measurements, the configuration and the estimates made so far, by name.
         after: methods whose estimates it starts from.
+        stepwise: whether it goes from node to node; ``run`` then takes what to call after each.
     """
 
-    run: Callable[[Measurements, RunConfig, Estimates], Estimate]
+    run: Callable[..., Estimate]
     after: tuple[str, ...] = ()
+    stepwise: bool = False
 
 
 def _odometry(measurements: Measurements, config: RunConfig, done: Estimates) -> Estimate:
@@ -34,10 +38,12 @@ def _odometry(measurements: Measurements, config: RunConfig, done: Estimates) ->
     return dead_reckoning(measurements)
 
 
-def _ekf(measurements: Measurements, config: RunConfig, done: Estimates) -> Estimate:
+def _ekf(
+    measurements: Measurements, config: RunConfig, done: Estimates, told: Told | None = None
+) -> Estimate:
     from graphslam.ekf import run_ekf
 
-    return run_ekf(measurements, config.ekf)
+    return run_ekf(measurements, config.ekf, told=told)
 
 
 def _ekf_fej(measurements: Measurements, config: RunConfig, done: Estimates) -> Estimate:
@@ -52,32 +58,60 @@ def _ekf_robot(measurements: Measurements, config: RunConfig, done: Estimates) -
     return run_robot_centred(measurements, config.ekf)
 
 
+def _isam2(
+    measurements: Measurements, config: RunConfig, done: Estimates, told: Told | None = None
+) -> Estimate:
+    with _needs_gtsam("isam2"):
+        from graphslam.smoother import run_isam2
+    return run_isam2(measurements, done["ekf"], config.incremental, told)
+
+
+def _fixed_lag(
+    measurements: Measurements, config: RunConfig, done: Estimates, told: Told | None = None
+) -> Estimate:
+    with _needs_gtsam("fixed-lag"):
+        from graphslam.smoother import run_fixed_lag
+    return run_fixed_lag(measurements, done["ekf"], config.incremental, told)
+
+
 def _smoother(measurements: Measurements, config: RunConfig, done: Estimates) -> Estimate:
-    try:
+    with _needs_gtsam("smoother"):
         from graphslam.smoother import smooth
+    return smooth(measurements, initial=done["ekf"], config=config.smoother)
+
+
+@contextmanager
+def _needs_gtsam(method: str) -> Iterator[None]:
+    """Tells what to do where GTSAM is not installed."""
+    try:
+        yield
     except ModuleNotFoundError as missing:
         if missing.name != "gtsam":
             raise
         raise BadConfig(
-            "the method smoother needs GTSAM, which is not installed (there is no wheel for "
+            f"the method {method} needs GTSAM, which is not installed (there is no wheel for "
             "Windows): pip install gtsam, or leave it out with --methods odometry ekf"
         ) from missing
-    return smooth(measurements, initial=done["ekf"], config=config.smoother)
 
 
 METHODS: Mapping[str, Method] = MappingProxyType(
     {
         "odometry": Method(_odometry),
-        "ekf": Method(_ekf),
+        "ekf": Method(_ekf, stepwise=True),
         "ekf-fej": Method(_ekf_fej),
         "ekf-robot": Method(_ekf_robot),
+        "isam2": Method(_isam2, after=("ekf",), stepwise=True),
+        "fixed-lag": Method(_fixed_lag, after=("ekf",), stepwise=True),
         "smoother": Method(_smoother, after=("ekf",)),
     }
 )
 
 
 def run_methods(
-    measurements: Measurements, config: RunConfig, stage: Stage
+    measurements: Measurements,
+    config: RunConfig,
+    stage: Stage,
+    told: Callable[[str, int], None] | None = None,
 ) -> tuple[dict[str, Estimate], dict[str, GraphSlamError]]:
     """Returns the estimates of ``config.methods``, in that order, and why others failed, by name.
 
@@ -88,6 +122,8 @@ def run_methods(
         measurements: what all methods estimate from.
         config: the methods and their configuration.
         stage: called with a method's name and the call that runs it; returns what the call does.
+        told: called with a method's name and a node, after each node of those that go from node to
+            node.
 
     Raises:
         BadConfig: a method is unknown, or cannot run here.
@@ -106,8 +142,11 @@ def run_methods(
             if other in failed:
                 failed[name] = failed[other]
                 return
+        method, given = METHODS[name], (measurements, config, done)
+        if told is not None and method.stepwise:
+            given = (*given, partial(told, name))
         try:
-            done[name] = stage(name, lambda: METHODS[name].run(measurements, config, done))
+            done[name] = stage(name, lambda: method.run(*given))
         except UnderConstrained as error:
             failed[name] = error
 

@@ -18,6 +18,8 @@ KINDS = {
     "ekf-fej": "filter with first-estimates Jacobians, causal",
     "ekf-robot": "filter in the robot's coordinates, causal",
     "particle": "particle filter, causal",
+    "isam2": "smoothing as it drives, causal",
+    "fixed-lag": "smoothing a few seconds late",
     "smoother": "whole run at once",
 }
 

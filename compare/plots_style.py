@@ -25,6 +25,8 @@ METHOD_COLOURS = {
     "ekf": "#0072b2",
     "ekf-fej": "#a0780a",
     "ekf-robot": "#8b6fc4",
+    "isam2": "#4a9bb5",
+    "fixed-lag": "#6b8e23",
     "smoother": "#009e73",
 }
 """From the palette of Okabe and Ito, or near it: contrast of 3 or more on white and near-black."""

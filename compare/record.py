@@ -34,7 +34,7 @@ class Record:
         estimates: by method.
         metrics: content of ``metrics.json``; empty where no method ran.
         truth: what is true about the run, its path reduced to the nodes.
-        timings: seconds by stage, content of ``timings.json``.
+        timings: seconds by stage, and how long nodes took; content of ``timings.json``.
         frames: some of the images, with the lines seen in them; None without images.
     """
 
@@ -43,7 +43,7 @@ class Record:
     estimates: Mapping[str, Estimate]
     metrics: Mapping[str, Any]
     truth: Truth
-    timings: Mapping[str, float]
+    timings: Mapping[str, Any]
     frames: Frames | None = None
 
     @property

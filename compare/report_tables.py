@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from compare.pages import method_entry
 from compare.record import Record
 
 DASH = "–"
@@ -219,8 +220,17 @@ def rejected(record: Record) -> list[dict[str, str]]:
     ]
 
 
-def timings(seconds: Mapping[str, float]) -> list[dict[str, Any]]:
+def latency(timings: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Returns how long a node took, by method that goes from node to node, ms."""
+    return [
+        {**method_entry(name), "cells": [f"{value:.2f}" for value in figures.values()]}
+        for name, figures in timings.get("latency", {}).items()
+    ]
+
+
+def timings(seconds: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Returns the time of each stage, and of all together."""
+    seconds = {stage: value for stage, value in seconds.items() if stage != "latency"}
     rows = [{"stage": k, "seconds": f"{v:.2f}", "total": False} for k, v in seconds.items()]
     total = f"{sum(seconds.values()):.2f}"
     return [*rows, {"stage": "all", "seconds": total, "total": True}]

@@ -9,6 +9,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
 from compare.comparison import Comparison, compare
 from compare.config import RunConfig
 from compare.fingerprint import fingerprints, versions
@@ -31,6 +33,8 @@ Progress = Callable[[str, int, int], None]
 """Called with a stage's name, how much of it is done, and of how much."""
 
 RESULTS = Path("results")
+LATENCY = ("median_ms", "p99_ms", "worst_ms", "last_tenth_ms")
+"""Of a node: median, what 99 % stay below, worst, and the median of the log's last tenth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,7 +220,7 @@ def run_opened(
         inside = clock.inside("extract")
         measurements = clock("extract", lambda: extract(log, config.extract, inside))
         measurements = on_known_map(measurements, config.known_map)
-    estimates, failed = run_methods(measurements, config, clock)
+    estimates, failed = run_methods(measurements, config, clock, clock.told)
     if failed and not estimates:
         raise next(iter(failed.values()))
     engine = config.smoother.engine
@@ -233,14 +237,14 @@ def run_opened(
         estimates,
         comparison.to_dict(),
         truth_at_nodes(comparison.truth, measurements),
-        clock.seconds,
+        clock.timings(),
         frames,
     )
     with whole_folder(out) as folder:
         clock("write", lambda: record.save(folder))
         if report:
             clock("report", lambda: write_report(record, folder))
-        write_json(folder / "timings.json", clock.seconds)
+        write_json(folder / "timings.json", clock.timings())
     warnings = tuple(info["warnings"])
     return RunResult(out, log, measurements, estimates, comparison, warnings, tuple(failed))
 
@@ -285,10 +289,12 @@ class _Clock:
     def __init__(self, progress: Progress | None, log: Log) -> None:
         self.progress, self.log = progress, log
         self.seconds: dict[str, float] = {}
+        self.nodes: dict[str, list[float]] = {}
 
     def __call__(self, stage: str, work: Callable[[], T]) -> T:
         self.tell(stage, 0, 1)
         began = time.perf_counter()
+        self.nodes[stage] = [began]
         done = work()
         self.seconds[stage] = round(time.perf_counter() - began, 4)
         self.tell(stage, 1, 1)
@@ -297,6 +303,22 @@ class _Clock:
     def tell(self, stage: str, done: int, total: int) -> None:
         if self.progress is not None:
             self.progress(f"{self.log.name}: {stage}", done, total)
+
+    def told(self, method: str, node: int) -> None:
+        """Takes the time at which a method was through with a node."""
+        self.nodes[method].append(time.perf_counter())
+
+    def timings(self) -> dict[str, Any]:
+        """Returns seconds by stage, and by method how long a node took, `LATENCY`."""
+        latency = {}
+        for method, times in self.nodes.items():
+            if len(times) > 1:
+                each = np.diff(times)
+                late = np.median(each[-max(1, len(each) // 10) :])
+                figures = (np.median(each), np.percentile(each, 99), np.max(each), late)
+                milliseconds = [round(1e3 * float(figure), 4) for figure in figures]
+                latency[method] = dict(zip(LATENCY, milliseconds, strict=True))
+        return {**self.seconds, "latency": latency} if latency else dict(self.seconds)
 
     def inside(self, stage: str) -> Callable[[int, int], None]:
         """Returns a callback for progress within a stage."""

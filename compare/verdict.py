@@ -69,9 +69,12 @@ def verdict(comparison: Comparison) -> tuple[str, ...]:
 
 
 def filter_and_smoother(methods: Sequence[MethodMetrics]) -> Pair | None:
-    """Returns the first causal method that uses sightings and the first that is not causal."""
+    """Returns the first causal method that uses sightings, and the smoother.
+
+    Where there is no smoother, the first other method that is not causal.
+    """
     causal = [m for m in methods if m.causal and m.sightings_used]
-    batch = [m for m in methods if not m.causal]
+    batch = sorted((m for m in methods if not m.causal), key=lambda m: m.method != "smoother")
     return (causal[0], batch[0]) if causal and batch else None
 
 

@@ -121,6 +121,23 @@ class RematchConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class IncrementalConfig:
+    """Smoothing as the robot drives, node by node (isam2, fixed-lag)."""
+
+    lag_s: float = 5.0
+    """How long fixed-lag keeps a pose open to what is seen later, s: each pose of its path comes
+    this much later, and is the better for it."""
+    relinearise: float = 0.01
+    """Change of a variable, m or rad, from which it is linearised anew."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.lag_s < math.inf:
+            raise BadConfig(f"incremental.lag_s = {self.lag_s}: must be 0 or more")
+        if not 0 < self.relinearise < math.inf:
+            raise BadConfig(f"incremental.relinearise = {self.relinearise}: must be positive")
+
+
+@dataclass(frozen=True, slots=True)
 class SmootherConfig:
     """Full smoothing by a factor graph."""
 

@@ -11,7 +11,7 @@ from graphslam.config import EkfConfig
 from graphslam.ekf_matching import Matcher
 from graphslam.ekf_result import History, result
 from graphslam.errors import BadMeasurements
-from graphslam.estimate import Estimate
+from graphslam.estimate import Estimate, Told
 from graphslam.geometry import Array, compose
 from graphslam.kalman import JointState
 from graphslam.landmarks import padded
@@ -29,6 +29,7 @@ def run_ekf(
     measurements: Measurements,
     config: EkfConfig | None = None,
     linearise_at: Estimate | None = None,
+    told: Told | None = None,
 ) -> Estimate:
     """Returns the path as each pose was known at its time, and the map at the end.
 
@@ -40,11 +41,12 @@ def run_ekf(
         linearise_at: where given, every model is linearised at this path and map, and its matches
             are used: the filter is then exactly linear and agrees with a smoother linearised at
             the same point.
+        told: called after each node.
 
     Raises:
         BadMeasurements: ``linearise_at`` does not belong to these measurements.
     """
-    return Filter(measurements, config or EkfConfig(), linearise_at).run()
+    return Filter(measurements, config or EkfConfig(), linearise_at).run(told)
 
 
 def innovation_log_likelihood(measurements: Measurements, at: Estimate) -> float:
@@ -104,11 +106,11 @@ class Filter(Matcher):
         self.history = History(len(measurements.t))
         self.waiting = Waiting(self)
 
-    def run(self) -> Estimate:
-        """Returns what filtering all nodes gives."""
-        return self.finish(*self.filter())
+    def run(self, told: Told | None = None) -> Estimate:
+        """Returns what filtering all nodes gives; calls ``told`` after each."""
+        return self.finish(*self.filter(told))
 
-    def filter(self) -> tuple[Array, Array]:
+    def filter(self, told: Told | None = None) -> tuple[Array, Array]:
         """Returns the poses (N, 3) and covariances (N, 3, 3) as each was known at its time."""
         measurements = self.measurements
         nodes = len(measurements.t)
@@ -127,6 +129,8 @@ class Filter(Matcher):
             self.waiting.after_node(node)
             pose[node], cov[node] = self.state.mean[:3], self.state.P[:3, :3]
             self.history.remember(self.roster, self.state, self.waiting.columns())
+            if told is not None:
+                told(node)
         self.waiting.forget_all()
         for row in self.roster.tentative().tolist():
             self.remove(row)

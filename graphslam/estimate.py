@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
@@ -17,6 +17,9 @@ from graphslam.geometry import Array
 from graphslam.measurements import IntArray, LandmarkMap
 
 ESTIMATE_FORMAT = "graphslam-estimate/1"
+
+Told = Callable[[int], None]
+"""Called after each node, with its number, by methods that go from node to node."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from graphslam.smoother.factors import (
     start_factor,
 )
 from graphslam.smoother.graph import FactorGraph, build_graph, graph_of
+from graphslam.smoother.incremental import run_fixed_lag, run_isam2
 from graphslam.smoother.optimise import Solution, optimise
 from graphslam.smoother.problem import Minimum, Problem, state_problem
 
@@ -32,6 +33,8 @@ __all__ = [
     "optimise",
     "pose_key",
     "residual_factor",
+    "run_fixed_lag",
+    "run_isam2",
     "sighting_factor",
     "smooth",
     "start_factor",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import gtsam
 import numpy as np
@@ -99,19 +98,15 @@ class GtsamMinimum:
 
         GTSAM's marginals are in each pose's own frame; they are turned in `_turned`.
         """
-        linear, nodes = self.solution.linear, len(self.pose)
-        free = [int(landmark) for landmark in np.flatnonzero(~self.problem.fixed)]
-        last_and_map = gtsam.Ordering()
-        for key in [pose_key(nodes - 1), *map(landmark_key, free)]:
-            last_and_map.push_back(key)
+        nodes = len(self.pose)
         with translated_errors():
             tree = self._tree()
             cov = np.array([tree.marginalCovariance(pose_key(node)) for node in range(nodes)])
-            root, _ = linear.marginalMultifrontalBayesNet(last_and_map, gtsam.EliminateQR).matrix()
-        theta = self._theta()
+        theta, free = self._theta(), np.flatnonzero(~self.problem.fixed).tolist()
         cov = rotate_covariance(cov, theta)
-        joint = _turned(_from_root(root), theta[-1])
-        return 0.5 * (cov + np.swapaxes(cov, 1, 2)), self._with_fixed(joint)
+        linear = self.solution.linear
+        joint = last_and_map_covariance(self.problem, linear, free, nodes - 1, theta[-1])
+        return 0.5 * (cov + np.swapaxes(cov, 1, 2)), joint
 
     def pair_covariances(self, node: IntArray, landmark: IntArray) -> Array:
         """Returns joint covariances (k, 3 + l, 3 + l) of poses and landmarks, floor frame."""
@@ -139,18 +134,39 @@ class GtsamMinimum:
     def _theta(self) -> Array:
         return np.array(gtsam.utilities.extractPose2(self.solution.values))[:, 2]
 
-    def _with_fixed(self, joint: Array) -> Array:
-        """Returns the joint covariance with zeros for the landmarks that are no variables."""
-        ends = 3 + np.cumsum([0, *self.problem.dims()])
-        free = [
-            np.arange(a, b)
-            for (a, b), fixed in zip(pairwise(ends), self.problem.fixed, strict=True)
-            if not fixed
-        ]
-        at = np.concatenate([np.arange(3), *free]).astype(np.int64)
-        out = np.zeros((ends[-1], ends[-1]))
-        out[np.ix_(at, at)] = joint
-        return out
+
+def last_and_map_covariance(
+    problem: Problem, linear: gtsam.GaussianFactorGraph, free: list[int], last: int, theta: float
+) -> Array:
+    """Returns the joint covariance (3 + L, 3 + L) of last pose and map, floor frame.
+
+    Landmarks are in the problem's order; the rows and columns of fixed ones are 0.
+
+    Args:
+        problem: its landmarks; those that are not fixed are variables.
+        linear: all factors, linearised.
+        free: by what number the factors know each landmark that is not fixed.
+        last: node of the last pose.
+        theta: its heading, rad.
+
+    Raises:
+        UnderConstrained: the system is singular.
+    """
+    ordering = gtsam.Ordering()
+    for key in [pose_key(last), *map(landmark_key, free)]:
+        ordering.push_back(key)
+    with translated_errors():
+        root, _ = linear.marginalMultifrontalBayesNet(ordering, gtsam.EliminateQR).matrix()
+    joint = _turned(_from_root(root), theta)
+    ends = 3 + np.cumsum([0, *problem.dims()])
+    places = [
+        np.arange(3),
+        *(np.arange(ends[m], ends[m + 1]) for m in np.flatnonzero(~problem.fixed)),
+    ]
+    at = np.concatenate(places).astype(np.int64)
+    out = np.zeros((ends[-1], ends[-1]))
+    out[np.ix_(at, at)] = joint
+    return out
 
 
 def _from_root(root: Array) -> Array:

@@ -269,3 +269,17 @@ def test_progress_names_the_log_and_ends_every_stage(log: Path, tmp_path: Path) 
     assert stages == [f"tiny: {name}" for name in expected]
     last = {stage: (done, total) for stage, done, total in seen}
     assert all(done == total for done, total in last.values())
+
+
+def test_methods_that_go_from_node_to_node_tell_how_long_a_node_took(tmp_path: Path) -> None:
+    log = write_tiny_log(tmp_path / "log", nodes=30)
+    methods = ("odometry", "ekf", "isam2", "fixed-lag", "smoother")
+    result = run_log(log, tmp_path / "out", RunConfig(methods=methods))
+    assert tuple(result.estimates) == methods
+    latency = json.loads((result.folder / "timings.json").read_text())["latency"]
+    assert set(latency) == {"ekf", "isam2", "fixed-lag"}
+    for figures in latency.values():
+        assert 0 < figures["median_ms"] <= figures["p99_ms"] <= figures["worst_ms"]
+    page = (result.folder / "report.html").read_text()
+    block = page.split("<!-- timings -->")[1].split("<!-- /timings -->")[0]
+    assert f"{latency['isam2']['median_ms']:.2f}" in block

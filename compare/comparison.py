@@ -33,6 +33,30 @@ SIGMA_ZERO = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
+class Blind:
+    """The longest way that a method drove without a sighting that counts.
+
+    Attributes:
+        length_m: distance driven, m.
+        from_s: when it began, s from the first node.
+        to_s: when it ended.
+        sigma_m: largest standard deviation of position on it, m.
+    """
+
+    length_m: float
+    from_s: float
+    to_s: float
+    sigma_m: float
+
+    def __str__(self) -> str:
+        return (
+            f"no line counted for {self.length_m:.3g} m, from {self.from_s:.4g} s to "
+            f"{self.to_s:.4g} s; there the position is odometry's, with a sigma of up to "
+            f"{1e3 * self.sigma_m:.3g} mm"
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class MethodMetrics:
     """One method, judged.
 
@@ -41,6 +65,7 @@ class MethodMetrics:
         causal: whether the pose at time t uses only data up to t.
         trajectory: errors of the path; None without a true path.
         pose_nees: NEES of the poses per degree of freedom; NaN where not defined.
+        blind: the longest way without a sighting that counts; None where there is no sighting.
         consistency: squared errors over covariances along the way; None where `pose_nees` is not
             defined.
         map: errors of the map; None without true lines, or without lines in the map.
@@ -79,6 +104,7 @@ class MethodMetrics:
     iterations: int = 0
     converged: bool = True
     consistency: Consistency | None = None
+    blind: Blind | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "counts", MappingProxyType(dict(self.counts)))
@@ -222,7 +248,26 @@ def _judge(
         cost=estimate.cost,
         iterations=estimate.iterations,
         converged=estimate.converged,
+        blind=_blind(estimate, measurements, position),
     )
+
+
+def _blind(estimate: Estimate, measurements: Measurements, sigma: Array) -> Blind | None:
+    """Returns the longest way between nodes with sightings that count, ends of the run included."""
+    nodes = [t.node[estimate.used[i : i + len(t)]] for i, t in measurements.tables()]
+    seen = np.unique(np.concatenate([np.zeros(0, np.int64), *nodes]))
+    if not len(seen):
+        return None
+    ends = np.unique(np.concatenate([[0], seen, [len(estimate.t) - 1]]))
+    steps = np.hypot(*measurements.odometry.increment[:, :2].T)
+    driven = np.concatenate([[0.0], np.cumsum(steps)])
+    if len(ends) < 2:
+        return None
+    longest = int(np.argmax(np.diff(driven[ends])))
+    first, last = ends[longest : longest + 2]
+    t = estimate.t - estimate.t[0]
+    length = float(driven[last] - driven[first])
+    return Blind(length, float(t[first]), float(t[last]), float(sigma[first : last + 1].max()))
 
 
 def _nis_per_dof(estimate: Estimate, measurements: Measurements) -> float:

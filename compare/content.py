@@ -66,7 +66,9 @@ def _rows(columns: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def _method(entry: MethodMetrics) -> dict[str, Any]:
     return {
-        **_columns(entry, "method", "trajectory", "map", "matching", "unobserved", "consistency"),
+        **_columns(
+            entry, "method", "trajectory", "map", "matching", "unobserved", "consistency", "blind"
+        ),
         "trajectory": None if entry.trajectory is None else _columns(entry.trajectory),
         "map": None if entry.map is None else _map(entry.map),
         "map_nees": None if entry.map is None else entry.map.nees,
@@ -74,6 +76,7 @@ def _method(entry: MethodMetrics) -> dict[str, Any]:
         "map_start_nees": None if entry.map is None else entry.map.start_nees,
         "overconfident": _overconfident(entry.overconfidence),
         "matching": None if entry.matching is None else _matching(entry.matching),
+        "blind": None if entry.blind is None else _columns(entry.blind),
         "unobserved": [_columns(u) | {"text": str(u)} for u in entry.unobserved],
     }
 

@@ -52,10 +52,13 @@ def floor_plan(record: Record) -> Plot:
         style = {"color": method_colour(name), "lw": 0.8, "alpha": 0.5, "zorder": 2}
         _endless(ax, lines[unknown], low, high, **style)
         _method(ax, name, estimate, step)
+        _open_directions(ax, name, estimate, 0.09 * span.max())
     _start(ax, record.measurements.start_pose, 0.035 * span.max())
     legend(made, handlelength=2.2, columnspacing=1.6)
     drawn = "" if step == 1 else f" Every {_ordinal(step)} node is drawn."
     lines = " Dashed: true lines." if len(record.true_lines) else ""
+    if any(u.direction != (0.0, 0.0) for e in record.estimates.values() for u in e.unobserved):
+        drawn += " Double arrows: directions of the last position that no sighting fixes."
     return Plot(
         "floor-plan",
         "Floor plan",
@@ -148,6 +151,16 @@ def _method(ax: Axes, name: str, estimate: Estimate, step: int) -> None:
     shape = Ellipse(last[:2], **place, fc="none", ec=colour, lw=1.3, zorder=5)
     ax.add_patch(shape)
     ax.plot(last[0], last[1], "s", ms=3.5, color=colour, zorder=5)
+
+
+def _open_directions(ax: Axes, name: str, estimate: Estimate, size: float) -> None:
+    """Draws the directions of the last position that no sighting fixes."""
+    for entry in estimate.unobserved:
+        if entry.direction != (0.0, 0.0):
+            reach = size * np.array(entry.direction)
+            last = estimate.pose[-1, :2]
+            arrow = {"arrowstyle": "<->", "color": method_colour(name), "lw": 1.6}
+            ax.annotate("", xy=last + reach, xytext=last - reach, arrowprops=arrow, zorder=6)
 
 
 def ellipses(cov_floor: Array) -> tuple[Array, Array]:

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-import scipy.special
-
 from compare.agreement import Agreement
 from compare.comparison import Comparison, MethodMetrics
+from compare.consistency import band
 from compare.noise import noise_sentence
 
 WORTH_SHARE = 0.20
 """A difference matters only above this share of the larger figure, ..."""
 WORTH_M = 1e-3
 """... and above this length, m."""
-CHANCE = 0.025
-"""Probability on either side beyond which a consistency figure counts as over- or underconfident.
-The nodes of one run share their errors, so that a mean over them scatters almost like one node."""
+OPEN_RATIO = 3.0
+"""Where the last position is so much less certain along a direction that no sighting fixes than
+across it, neither method is worth choosing before that direction is seen."""
+BLIND_M = 5.0
+"""A stretch without any sighting that counts is spoken of from this length on, m."""
 DISAGREE_SIGMAS = 3.0
 """Two maps contradict each other where they differ by more than this many sigmas (RMS)."""
 
@@ -54,9 +56,11 @@ def verdict(comparison: Comparison) -> tuple[str, ...]:
     findings = tuple(_judged_findings(methods, pair) if judged else _sigma_findings(methods, pair))
     noise = noise_sentence(comparison)
     return (
+        *_first_of_all(pair),
         *_headline(methods, findings, pair, judged),
         *([] if judged else [NO_TRUTH]),
         *(finding.sentence for finding in findings),
+        *_best_possible(comparison),
         *_causality(pair),
         *_agreements(comparison.agreement, pair),
         *_beaten_by_odometry(methods),
@@ -85,6 +89,39 @@ NO_TRUTH = (
     "on the methods' own covariances and on how far they agree, and errors that they share (a "
     "wrong wheel radius, a wrong homography) do not show."
 )
+
+
+def _first_of_all(pair: Pair | None) -> Iterator[str]:
+    """Yields that no method helps, where all share a direction that no sighting fixes."""
+    if pair is None:
+        return
+    for direction in pair[1].unobserved:
+        named = direction.direction != (0.0, 0.0)
+        shared = any(other.quantity == direction.quantity for other in pair[0].unobserved)
+        if direction.quantity != "position" or not named or not shared:
+            continue
+        across = math.sqrt(max(pair[1].last_position_sigma_m ** 2 - direction.sigma**2, 0.0))
+        if direction.sigma <= OPEN_RATIO * across:
+            continue
+        angle = math.degrees(math.atan2(direction.direction[1], direction.direction[0])) % 180.0
+        yield (
+            f"Do neither before adding a second line direction: along {angle:.0f}° (floor frame) "
+            f"no line fixes the position, and the last one is known to {_metres(direction.sigma)} "
+            f"there, to {_metres(across)} across. Filter and smoother share this; lines with "
+            f"normals along {angle:.0f}° end it. (It counts from a ratio of {OPEN_RATIO:g} on.)"
+        )
+
+
+def _best_possible(comparison: Comparison) -> Iterator[str]:
+    bound = comparison.bound
+    if bound is None or bound.at != "truth":
+        return
+    figures = {"path": bound.path_m, "last pose": bound.final_m, "map": bound.map_m}
+    said = [f"the {name} to {_metres(v)}" for name, v in figures.items() if math.isfinite(v)]
+    yield (
+        f"The best there is, on average over such runs: {_and(said)} (RMS, from the common start; "
+        "Cramér–Rao bound at the truth)."
+    )
 
 
 def _headline(
@@ -240,6 +277,8 @@ def _right_matches(methods: Sequence[MethodMetrics]) -> Iterator[str]:
 
 def _consistency(methods: Sequence[MethodMetrics]) -> Iterator[str]:
     for m in methods:
+        if m.overconfidence is not None:
+            yield f"{m.method} is {m.overconfidence}."
         yield from _confidence(f"{m.method}, poses", m.pose_nees, 3)
         if m.map is not None:
             yield from _confidence(f"{m.method}, map", m.map.nees, m.map.nees_freedom)
@@ -249,7 +288,7 @@ def _confidence(what: str, nees: float, freedom: int) -> Iterator[str]:
     """Yields how a NEES per degree of freedom compares with its chi-square bounds."""
     if not nees >= 0.0:
         return
-    low, high = (scipy.special.chdtri(freedom, p) / freedom for p in (1.0 - CHANCE, CHANCE))
+    low, high = band(freedom)
     bounds = f"NEES {nees:.2g} per degree of freedom; {low:.2g} to {high:.2g} is unsuspicious"
     if nees > high:
         yield f"{what}: overconfident, the errors exceed their covariance ({bounds})."
@@ -277,6 +316,8 @@ def _cautions(methods: Sequence[MethodMetrics]) -> Iterator[str]:
         if m.sightings_used:
             for direction in m.unobserved:
                 yield f"{m.method}: {direction}."
+        if m.blind is not None and m.blind.length_m > BLIND_M:
+            yield f"{m.method}: {m.blind}."
         if m.map is not None and not m.map.matched and m.trajectory is None:
             yield (
                 f"No line of {m.method} lies near a seen true line. Without a true path the map is "

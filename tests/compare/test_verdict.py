@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 
 from compare.comparison import Comparison, MethodMetrics, compare
+from compare.consistency import Consistency
 from compare.verdict import verdict
+from frontend.extract import extract
+from frontend.simulate import Scenario, load_scenario, simulate_log
 from graphslam.baseline import dead_reckoning
 from graphslam.ekf import run_ekf
 from graphslam.estimate import Unobserved
+from graphslam.smoother import smooth
 from tests.compare.made import estimate_of, log_with, relabelled
 from tests.worlds import GRID, drive
 
@@ -218,3 +222,52 @@ def test_without_any_sighting_the_verdict_says_that_there_is_nothing_to_choose()
     measurements = drive(1, 40)[0].without_sightings()
     judged = compare(None, measurements, [dead_reckoning(measurements), run_ekf(measurements)])
     assert judged.verdict[0].startswith("No sighting was used")
+
+
+def judged_scenario(scenario: Scenario, seed: int = 0) -> Comparison:
+    log = simulate_log(scenario, seed)
+    measurements = extract(log)
+    filtered = run_ekf(measurements)
+    odometry = dead_reckoning(measurements)
+    return compare(log, measurements, [odometry, filtered, smooth(measurements, filtered)])
+
+
+def test_lines_of_one_direction_are_to_be_crossed_before_any_method_is_chosen() -> None:
+    texts = verdict(judged_scenario(load_scenario("one-direction")))
+    assert texts[0].startswith("Do neither before adding a second line direction: along 9")
+    assert "no line fixes the position" in texts[0]
+    assert "(It counts from a ratio of 3 on.)" in texts[0]
+
+
+def test_crossing_lines_leave_the_choice_to_the_figures() -> None:
+    judged = judged_scenario(replace(load_scenario("grid"), repeat=1))
+    texts = verdict(judged)
+    assert texts[0].startswith("By ground truth, ")
+    assert judged.bound is not None
+    assert judged.bound.at == "truth"
+    assert sentence(judged, "The best there is", "Cramér–Rao")
+    assert judged["smoother"].blind is not None
+    assert judged["smoother"].blind.length_m < 1.0
+
+
+def test_a_long_way_without_a_line_is_told_with_its_place() -> None:
+    measurements, truth = drive(seed=5, nodes=400)
+    table = measurements.sightings["line"]
+    kept = (table.node < 100) | (table.node > 300)
+    measurements = replace(
+        measurements, start_pose=truth[0], sightings={"line": table.select(kept)}
+    )
+    judged = compare(log_with(measurements.t, truth, GRID), measurements, [run_ekf(measurements)])
+    blind = judged["ekf"].blind
+    assert blind is not None
+    assert blind.length_m > 5.0
+    assert (blind.from_s, blind.to_s) == (pytest.approx(9.9), pytest.approx(30.1))
+    assert sentence(judged, "no line counted for", "from 9.9 s to 30.1 s")
+
+
+def test_where_a_method_is_overconfident_is_told() -> None:
+    bold = replace(JUDGED["ekf"], consistency=Consistency(
+        np.arange(1.0, 5.0), np.array([[1.0, 1.0, 1.0, 1.0]] * 2 + [[1.0, 1.0, 16.0, 6.0]] * 2), 1
+    ))  # fmt: skip
+    text = sentence(with_method(JUDGED, bold), "ekf is overconfident")
+    assert text == "ekf is overconfident by a factor 4 in heading after 3 m."

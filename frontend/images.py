@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from frontend.log import RecordedImage
+from frontend.recorded import RecordedImage
 
 THUMBNAIL_QUALITY = 50
 """JPEG quality of thumbnails, 0 to 100."""

@@ -6,12 +6,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontend.camera import Camera
+from frontend.columns import freeze, read_only
+from frontend.recorded import RecordedImage, ScanList
 from graphslam.errors import BadLog
 from graphslam.geometry import Array
 from graphslam.measurements import IntArray, LandmarkMap
@@ -41,7 +41,7 @@ class Wheels:
     angle: Array
 
     def __post_init__(self) -> None:
-        _freeze(self, t=(), angle=(2,))
+        freeze(self, t=(), angle=(2,))
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,29 +57,7 @@ class PoseTrack:
     pose: Array
 
     def __post_init__(self) -> None:
-        _freeze(self, t=(), pose=(3,))
-
-
-class RecordedImage(Protocol):
-    """An image inside a bag or a video: where it is, read only when it is asked for."""
-
-    @property
-    def name(self) -> str:
-        """Where it is, as messages say it."""
-        ...
-
-    @property
-    def digest(self) -> str:
-        """SHA-256, hexadecimal, of what was recorded."""
-        ...
-
-    def grey(self) -> NDArray[np.uint8] | None:
-        """Returns (H, W) grey levels, or None where it cannot be read whole."""
-        ...
-
-    def packed(self) -> bytes | None:
-        """Returns the bytes of the image file that was recorded, or None where it is none."""
-        ...
+        freeze(self, t=(), pose=(3,))
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +76,7 @@ class ImageList:
     camera: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        _freeze(self, t=())
+        freeze(self, t=())
         if not len(self.t) == len(self.file) == len(self.camera):
             raise BadLog("images: t, file and camera must have one entry each for every image")
 
@@ -108,64 +86,6 @@ class ImageList:
         if isinstance(image, Path):
             return image.relative_to(folder.resolve()).as_posix()
         return image.name
-
-
-@dataclass(frozen=True, slots=True)
-class Scan:
-    """One turn of a laser.
-
-    Attributes:
-        ranges: (B,) distances, m; beams without an echo hold NaN, infinity or a value beyond the
-            limits below.
-        angle_min: direction of the first beam, rad, in the laser's frame (x forward, y left).
-        angle_step: from one beam to the next, rad; negative where the laser turns clockwise.
-        range_min: smallest distance that is a measurement, m.
-        range_max: largest, m.
-        duration: from the first beam to the last, s; 0 where unknown. The time of the scan is that
-            of its first beam.
-    """
-
-    ranges: Array
-    angle_min: float
-    angle_step: float
-    range_min: float = 0.0
-    range_max: float = np.inf
-    duration: float = 0.0
-
-
-class RecordedScan(Protocol):
-    """A scan inside a recording, read only when it is asked for."""
-
-    @property
-    def name(self) -> str:
-        """Where it is, as messages say it."""
-        ...
-
-    def scan(self) -> Scan | None:
-        """Returns the scan, or None where it cannot be read whole."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class ScanList:
-    """Scans of one laser, in the order of the log: row number = number of the scan.
-
-    Attributes:
-        t: (K,) times, s, not decreasing.
-        place: (K,) where each is.
-        sensor_pose: (3,) the laser in the robot frame, m and rad.
-    """
-
-    t: Array
-    place: tuple[RecordedScan, ...]
-    sensor_pose: Array
-
-    def __post_init__(self) -> None:
-        _freeze(self, t=())
-        pose = _read_only("ScanList.sensor_pose", self.sensor_pose, (3,))
-        object.__setattr__(self, "sensor_pose", pose)
-        if len(self.t) != len(self.place):
-            raise BadLog("scans: t and place must have one entry each for every scan")
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +109,7 @@ class LineSightings:
     t_received: Array
 
     def __post_init__(self) -> None:
-        _freeze(self, t=(), z=(2,), cov=(2, 2), extent=(2,), truth=(), t_received=())
+        freeze(self, t=(), z=(2,), cov=(2, 2), extent=(2,), truth=(), t_received=())
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +129,7 @@ class PoseFixes:
     t_received: Array
 
     def __post_init__(self) -> None:
-        _freeze(self, t=(), z=(3,), cov=(3, 3), t_received=())
+        freeze(self, t=(), z=(3,), cov=(3, 3), t_received=())
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,7 +186,7 @@ class Log:
         object.__setattr__(self, "cameras", MappingProxyType(dict(self.cameras)))
         object.__setattr__(self, "labels", MappingProxyType({**FILES, **self.labels}))
         for name in ("start_pose", "start_sigma"):
-            object.__setattr__(self, name, _read_only(name, getattr(self, name), (3,)))
+            object.__setattr__(self, name, read_only(name, getattr(self, name), (3,)))
         if self.wheels is None and self.odometry is None:
             raise BadLog(f"{self.name}: has neither wheel readings nor odometry poses; record one")
         if self.wheels is not None and self.robot is None:
@@ -370,24 +290,3 @@ def _what_is(path: Path) -> str:
     if path.is_dir():
         return "this folder has no log.toml"
     return "is not a log" if path.exists() else "does not exist"
-
-
-def _freeze(instance: Any, **shapes: tuple[int, ...]) -> None:
-    """Makes columns read-only after checking that they have one row for each entry of ``t``."""
-    count = len(instance.t)
-    for name, rest in shapes.items():
-        label = f"{type(instance).__name__}.{name}"
-        column = _read_only(label, getattr(instance, name), (count, *rest), name == "extent")
-        object.__setattr__(instance, name, column)
-
-
-def _read_only(
-    label: str, value: Any, shape: tuple[int, ...], may_be_nan: bool = False
-) -> NDArray[Any]:
-    array: NDArray[Any] = np.array(value, np.int64 if label.endswith(".truth") else float)
-    if array.shape != shape:
-        raise BadLog(f"{label} has shape {array.shape}; expected {shape}")
-    if not may_be_nan and not np.isfinite(array).all():
-        raise BadLog(f"{label} holds NaN or infinity; leave those rows out")
-    array.flags.writeable = False
-    return array

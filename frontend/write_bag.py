@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import heapq
+import shutil
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-import numpy as np
-
-from frontend.images import image_file, read_grey
+from frontend.bag_messages import JOINTS, Maker, nanoseconds
 from frontend.log import Log, PoseTrack
 from frontend.readers import bag_types as types
 from frontend.readers.robot_toml import FORMAT
@@ -20,9 +20,7 @@ from graphslam.geometry import Array
 BagFormat = Literal["rosbag1", "rosbag2", "mcap"]
 Progress = Callable[[int, int], None]
 
-ROBOT_FRAME, ODOMETRY_FRAME, LASER_FRAME, FLOOR_FRAME = "base_link", "odom", "laser", "map"
 WHEELS, ODOMETRY, SCANS, TRUTH = "/joint_states", "/odom", "/scan", "/ground_truth"
-JOINTS = ("left_wheel_joint", "right_wheel_joint")
 
 
 class _Entry(NamedTuple):
@@ -128,6 +126,11 @@ class _Writer:
         return self
 
     def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        if kind is not None:
+            self._writer.abort()
+            if self._to == "mcap":
+                shutil.rmtree(self._folder, ignore_errors=True)
+            return
         self._writer.close()
         if self._to == "mcap":  # the file alone is the bag
             (self._folder / f"{self._folder.name}.mcap").replace(self._out)
@@ -152,7 +155,7 @@ def _times(log: Log) -> list[Array]:
 
 def _streams(log: Log, store: Any, raw: bool) -> Iterator[Iterator[_Entry]]:
     """Yields the messages of each part, in the order of time."""
-    maker = _Maker(store)
+    maker = Maker(store)
     if log.wheels is not None:
         rows = log.wheels.angle
         yield _entries(0, log.wheels.t, WHEELS, types.JOINTS, lambda i, t: maker.joints(t, rows[i]))
@@ -163,7 +166,7 @@ def _streams(log: Log, store: Any, raw: bool) -> Iterator[Iterator[_Entry]]:
     if log.scans is not None:
         scans = log.scans
         pose = scans.sensor_pose
-        yield iter([_Entry(_ns(scans.t[0]), 2, "/tf_static", types.TRANSFORMS,
+        yield iter([_Entry(nanoseconds(scans.t[0]), 2, "/tf_static", types.TRANSFORMS,
                            lambda: maker.laser(float(scans.t[0]), pose))])  # fmt: skip
         yield _entries(4, scans.t, SCANS, types.SCAN, lambda i, t: maker.scan(t, scans.place[i]))
     if log.truth is not None:
@@ -174,7 +177,7 @@ def _entries(
     number: int, t: Array, topic: str, kind: str, make: Callable[[int, float], Any]
 ) -> Iterator[_Entry]:
     for i, when in enumerate(t.tolist()):
-        yield _Entry(_ns(when), number, topic, kind, lambda i=i, when=when: make(i, when))  # type: ignore[misc]
+        yield _Entry(nanoseconds(when), number, topic, kind, partial(make, i, when))
 
 
 def _poses(
@@ -183,127 +186,11 @@ def _poses(
     yield from _entries(number, track.t, topic, kind, lambda i, t: make(t, track.pose[i]))
 
 
-def _images(log: Log, maker: _Maker, raw: bool) -> Iterator[_Entry]:
+def _images(log: Log, maker: Maker, raw: bool) -> Iterator[_Entry]:
     images = log.images
     assert images is not None, "checked before"
     kind = types.IMAGE if raw else types.COMPRESSED
     make = maker.image if raw else maker.compressed
     for i, when in enumerate(images.t.tolist()):
-        topic = image_topic(images.camera[i])
-        yield _Entry(_ns(when), 3, topic, kind, lambda i=i, when=when: make(when, images.file[i]))  # type: ignore[misc]
-
-
-def _ns(t: float) -> int:
-    return round(t * 1e9)
-
-
-class _Maker:
-    """Makes messages of one store of types."""
-
-    def __init__(self, store: Any) -> None:
-        self._types = store.types
-
-    def header(self, t: float, frame: str) -> Any:
-        """Returns a header with a stamp; ROS 1's has a number besides."""
-        seconds, nanoseconds = divmod(_ns(t), 10**9)
-        stamp = self._types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
-        kind = self._types["std_msgs/msg/Header"]
-        number = {"seq": 0} if "seq" in kind.__dataclass_fields__ else {}
-        return kind(**number, stamp=stamp, frame_id=frame)
-
-    def joints(self, t: float, angles: Array) -> Any:
-        """Returns the angles of both wheels."""
-        nothing = np.zeros(0)
-        return self._types[types.JOINTS](
-            header=self.header(t, ROBOT_FRAME),
-            name=list(JOINTS),
-            position=np.array(angles, float),
-            velocity=nothing,
-            effort=nothing,
-        )
-
-    def pose_of(self, pose: Array) -> Any:
-        """Returns a pose in the plane."""
-        names = self._types
-        point = names["geometry_msgs/msg/Point"](x=float(pose[0]), y=float(pose[1]), z=0.0)
-        half = 0.5 * float(pose[2])
-        turn = names["geometry_msgs/msg/Quaternion"](
-            x=0.0, y=0.0, z=float(np.sin(half)), w=float(np.cos(half))
-        )
-        return names["geometry_msgs/msg/Pose"](position=point, orientation=turn)
-
-    def pose(self, t: float, pose: Array) -> Any:
-        """Returns a true pose."""
-        return self._types[types.POSE](header=self.header(t, FLOOR_FRAME), pose=self.pose_of(pose))
-
-    def odometry(self, t: float, pose: Array) -> Any:
-        """Returns a pose by odometry; its covariances are zero, which means unknown."""
-        names, none = self._types, np.zeros(36)
-        zero = names["geometry_msgs/msg/Vector3"](x=0.0, y=0.0, z=0.0)
-        twist = names["geometry_msgs/msg/Twist"](linear=zero, angular=zero)
-        return names[types.ODOMETRY](
-            header=self.header(t, ODOMETRY_FRAME),
-            child_frame_id=ROBOT_FRAME,
-            pose=names["geometry_msgs/msg/PoseWithCovariance"](self.pose_of(pose), none),
-            twist=names["geometry_msgs/msg/TwistWithCovariance"](twist, none),
-        )
-
-    def compressed(self, t: float, image: Any) -> Any:
-        """Returns an image as the file that it is or becomes; None where it is unreadable."""
-        found = image_file(image)
-        if found is None:
-            return None
-        suffix, data = found
-        return self._types[types.COMPRESSED](
-            header=self.header(t, "camera"),
-            format=suffix.lstrip(".").replace("jpg", "jpeg"),
-            data=np.frombuffer(data, np.uint8),
-        )
-
-    def image(self, t: float, image: Any) -> Any:
-        """Returns an image as grey levels; None where it is unreadable."""
-        grey = read_grey(image)
-        if grey is None:
-            return None
-        return self._types[types.IMAGE](
-            header=self.header(t, "camera"),
-            height=grey.shape[0],
-            width=grey.shape[1],
-            encoding="mono8",
-            is_bigendian=0,
-            step=grey.shape[1],
-            data=grey.ravel(),
-        )
-
-    def scan(self, t: float, place: Any) -> Any:
-        """Returns a scan; None where it is unreadable."""
-        scan = place.scan()
-        if scan is None:
-            return None
-        beams = max(1, len(scan.ranges) - 1)
-        return self._types[types.SCAN](
-            header=self.header(t, LASER_FRAME),
-            angle_min=scan.angle_min,
-            angle_max=scan.angle_min + (len(scan.ranges) - 1) * scan.angle_step,
-            angle_increment=scan.angle_step,
-            time_increment=scan.duration / beams,
-            scan_time=0.0,
-            range_min=scan.range_min,
-            range_max=scan.range_max,
-            ranges=np.array(scan.ranges, np.float32),
-            intensities=np.zeros(0, np.float32),
-        )
-
-    def laser(self, t: float, pose: Array) -> Any:
-        """Returns where the laser is."""
-        names, half = self._types, 0.5 * float(pose[2])
-        shift = names["geometry_msgs/msg/Vector3"](x=float(pose[0]), y=float(pose[1]), z=0.0)
-        turn = names["geometry_msgs/msg/Quaternion"](
-            x=0.0, y=0.0, z=float(np.sin(half)), w=float(np.cos(half))
-        )
-        one = names["geometry_msgs/msg/TransformStamped"](
-            header=self.header(t, ROBOT_FRAME),
-            child_frame_id=LASER_FRAME,
-            transform=names["geometry_msgs/msg/Transform"](translation=shift, rotation=turn),
-        )
-        return names[types.TRANSFORMS](transforms=[one])
+        topic, file = image_topic(images.camera[i]), images.file[i]
+        yield _Entry(nanoseconds(when), 3, topic, kind, partial(make, when, file))

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from frontend.camera import Camera
-from frontend.log import ImageList, Log, PoseTrack, Progress, ScanList, Wheels, with_camera_offset
-from frontend.readers import bag_types as types
+from frontend.log import ImageList, Log, PoseTrack, Progress, Wheels, with_camera_offset
 from frontend.readers.bag_choice import Choice, choose
-from frontend.readers.bag_content import BagContent, Stream, collect
+from frontend.readers.bag_collect import collect
+from frontend.readers.bag_content import BagContent, Stream
 from frontend.readers.bag_places import BagImage, BagScan
 from frontend.readers.bag_times import Times, times_of
+from frontend.readers.bag_warnings import CURE_UNREADABLE, no_odometry, warnings_of, why
 from frontend.readers.folder_tables import read_map
 from frontend.readers.log_toml import floor_cameras
 from frontend.readers.robot_toml import RobotFile, read_robot_file
+from frontend.recorded import ScanList
 from graphslam.errors import BadConfig, BadLog
 from graphslam.geometry import wrap
 from graphslam.measurements import LandmarkMap
@@ -55,15 +56,8 @@ def open_content(path: Path, progress: Progress | None = None) -> BagContent:
     """Returns what a bag holds; raises BadLog where nothing of it can be read."""
     content = collect(path, progress)
     if not content.messages:
-        raise BadLog(f"{path}: nothing of it can be read: {_why(content)}; {_CURE_UNREADABLE}")
+        raise BadLog(f"{path}: nothing of it can be read: {why(content)}; {CURE_UNREADABLE}")
     return content
-
-
-_CURE_UNREADABLE = "copy it again from the robot, or record again"
-
-
-def _why(content: BagContent) -> str:
-    return "; ".join(content.losses.texts()) or "it holds no message"
 
 
 def open_collected(content: BagContent, robot: RobotFile, robot_file: Path | None) -> Log:
@@ -76,7 +70,7 @@ def open_collected(content: BagContent, robot: RobotFile, robot_file: Path | Non
     drive = _drive(robot, robot_file, choice)
     wheels_used = choice.wheels is not None and drive is not None and _has_size(robot)
     if not wheels_used and choice.odometry is None:
-        raise BadLog(_no_odometry(content, choice))
+        raise BadLog(no_odometry(content, choice))
     used = _used(choice, cameras, wheels_used)
     reference = "left" if wheels_used else "odometry"
     times = times_of(used, robot.time.stamp, reference)
@@ -112,18 +106,9 @@ def open_collected(content: BagContent, robot: RobotFile, robot_file: Path | Non
         labels={**_labels(used, choice), "map": "map.csv"},
         described=NO_ROBOT if robot_file is None else robot_file.name,
     )
-    warnings = (
-        *_losses(content),
-        *choice.notes,
-        *(f"{used[name].label}: {note}" for name, one in times.items() for note in one.notes),
-        *wheel_notes,
-        *(
-            f"{log.described}: camera {name!r}: present, not used by this version"
-            for name in elsewhere
-        ),
-        *_doubtful(log, content, choice, robot_file),
-    )
-    log = replace(log, warnings=tuple(dict.fromkeys(warnings)))
+    notes = [f"{used[name].label}: {note}" for name, one in times.items() for note in one.notes]
+    notes += [*wheel_notes, *(f"camera {name!r}: not used by this version" for name in elsewhere)]
+    log = replace(log, warnings=warnings_of(log, content, choice, robot_file, notes))
     if robot.time.camera_offset:
         log = replace(with_camera_offset(log, robot.time.camera_offset), offset_s=0.0)
     return log
@@ -140,22 +125,6 @@ def _drive(robot: RobotFile, path: Path | None, choice: Choice) -> DifferentialD
         return robot.robot.drive(geometry_needed=choice.odometry is None)
     except BadConfig as refused:
         raise BadLog(f"{path}: [robot] {refused}") from None
-
-
-def _no_odometry(content: BagContent, choice: Choice) -> str:
-    topics = ", ".join(f"{name} ({topic.channel.type})" for name, topic in content.topics.items())
-    lost = "".join(f"; lost: {text}" for text in content.losses.texts())
-    if choice.wheels is not None:
-        return (
-            f"{content.path}: {choice.wheels[0].label} tells how the wheels turned, but not how "
-            "large they are; give a robot file with [robot] wheel_radius_left, wheel_radius_right "
-            f"and wheel_base: graphslam inspect {content.path} proposes one{lost}"
-        )
-    return (
-        f"{content.path}: nothing tells how the robot moved: there is no nav_msgs/Odometry, no "
-        "moving robot frame in tf and no JointState of wheels. Name them in a robot file ([topics],"
-        f" [frames], [joints]), or record one of them. The bag has {topics or 'no topic'}{lost}"
-    )
 
 
 def _used(choice: Choice, cameras: Mapping[str, Camera], wheels_used: bool) -> dict[str, Stream]:
@@ -275,60 +244,3 @@ def _digest(used: Mapping[str, Stream], robot_file: Path | None) -> str:
     for part, stream in sorted(used.items()):
         total.update(part.encode() + stream.digest())
     return total.hexdigest()
-
-
-def _losses(content: BagContent) -> Iterator[str]:
-    texts = content.losses.texts()
-    if texts:
-        yield (
-            f"not all of the bag could be read ({content.messages:,} messages were): "
-            f"{'; '.join(texts)}. What could be read is used; {_CURE_UNREADABLE}"
-        )
-
-
-def _doubtful(
-    log: Log, content: BagContent, choice: Choice, robot_file: Path | None
-) -> Iterator[str]:
-    """Yields warnings about what is usable, but hardly meant."""
-    missing = "give a robot file" if robot_file is None else f"describe it in {robot_file.name}"
-    for camera, stream in choice.images.items():
-        if camera not in log.cameras:
-            yield (
-                f"{stream.label}: its images are not used: camera {camera!r} is not described; "
-                f"{missing} (graphslam inspect {content.path} proposes one)"
-            )
-        yield from _unreadable(stream)
-    if log.scans is not None:
-        where = "" if choice.laser_known else _LASER_UNKNOWN
-        yield (
-            f"{log.labels['scans']}: scans are read, but no detector finds walls in them yet: they "
-            f"only say when there were scans{where}"
-        )
-    if choice.wheels is not None and log.wheels is None and log.robot is None:
-        yield (
-            f"{choice.wheels[0].label}: the wheels are not used, because nothing says how large "
-            f"they are; odometry is ({log.labels['odometry']})"
-        )
-    if not len(log.floor_images()):
-        yield "no floor images: there is only odometry to estimate from"
-
-
-_LASER_UNKNOWN = (
-    "; tf does not say where the laser is: the robot's origin is assumed, [laser] pose in a robot "
-    "file says otherwise"
-)
-
-
-def _unreadable(stream: Stream) -> Iterator[str]:
-    """Yields which encodings of a topic's images cannot be read."""
-    if stream.kind != types.IMAGE or not stream.about:
-        return
-    from frontend.encodings import KNOWN
-
-    encodings: dict[str, Any] = stream.about["encodings"]
-    for encoding, count in encodings.items():
-        if encoding not in KNOWN:
-            yield (
-                f"{stream.label}: {count} images are encoded as {encoding!r}, which this version "
-                f"cannot read; publish one of {', '.join(KNOWN)}, or compressed images"
-            )

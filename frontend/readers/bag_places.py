@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.log import Scan
 from frontend.readers import bag_types as types
 from frontend.readers.bag_parts import Broken, Channel, Container, Place
+from frontend.recorded import Scan
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.log import Scan, ScanList
+from frontend.recorded import Scan, ScanList
 from graphslam.errors import BadLog
 from graphslam.geometry import Array
 

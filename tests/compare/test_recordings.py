@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -10,8 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from compare.batch_inputs import find_logs
 from compare.cli import main
+from compare.config import RunConfig
+from compare.run import open_as, run_opened
 from frontend.log import Log, open_log
+from frontend.readers.bag_collect import collect
+from frontend.readers.robot_toml import read_robot_file
+from frontend.survey import survey
 from tests.compare.tiny_log import write_tiny_log
 from tests.frontend.recordings import Bag, short_log, write_folder
 
@@ -133,3 +140,26 @@ def test_without_rerun_the_cure_is_told(
     words = ["export", str(tmp_path / "run"), "--to", "rerun", "--out", str(tmp_path / "x.rrd")]
     assert main(words) == 1
     assert "pip install 'floorline-slam[view]'" in capsys.readouterr().err
+
+
+def test_a_real_bag_runs_and_keeps_to_its_truth(shared_data: Path, tmp_path: Path):
+    bag = shared_data / "agv" / "jarvis_circular_path_fast.bag"
+    config = RunConfig(methods=("odometry",))
+    run_opened(open_as(bag, config), tmp_path / "run", config, report=False)
+    metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert metrics["methods"]["odometry"]["trajectory"]["aligned_rmse_m"] <= 0.05
+    (tmp_path / "robot.toml").write_text(survey(collect(bag)).proposal)
+    proposed = read_robot_file(tmp_path / "robot.toml")
+    assert proposed.topics.truth == "/pose_ground_truth"
+    assert proposed.frames.robot == "base_footprint"
+    assert proposed.laser is not None
+    assert proposed.laser.pose == (0.895, 0.0, 0.0)
+
+
+def test_a_batch_finds_bags_beside_log_folders(folder: Path, tmp_path: Path):
+    (tmp_path / "logs").mkdir()
+    write_tiny_log(tmp_path / "logs" / "c")
+    for name, to in (("a.bag", "rosbag1"), ("b", "rosbag2")):
+        words = ["export", str(folder), "--to", to, "--out", str(tmp_path / "logs" / name)]
+        assert main(words) == 0
+    assert [log.name for log in find_logs([tmp_path / "logs"])] == ["a", "b", "c"]

@@ -11,7 +11,7 @@ import pytest
 from frontend.encodings import grey_of
 from frontend.extract import extract
 from frontend.log import open_log, with_camera_offset
-from frontend.readers.bag_content import collect
+from frontend.readers.bag_collect import collect
 from frontend.readers.robot_toml import read_robot_file
 from frontend.survey import survey
 from graphslam.errors import BadLog

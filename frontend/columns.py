@@ -1,0 +1,31 @@
+"""Columns of a recording: checked on entry, and read-only from then on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graphslam.errors import BadLog
+
+
+def freeze(instance: Any, **shapes: tuple[int, ...]) -> None:
+    """Makes columns read-only after checking that they have one row for each entry of ``t``."""
+    count = len(instance.t)
+    for name, rest in shapes.items():
+        label = f"{type(instance).__name__}.{name}"
+        column = read_only(label, getattr(instance, name), (count, *rest), name == "extent")
+        object.__setattr__(instance, name, column)
+
+
+def read_only(
+    label: str, value: Any, shape: tuple[int, ...], may_be_nan: bool = False
+) -> NDArray[Any]:
+    array: NDArray[Any] = np.array(value, np.int64 if label.endswith(".truth") else float)
+    if array.shape != shape:
+        raise BadLog(f"{label} has shape {array.shape}; expected {shape}")
+    if not may_be_nan and not np.isfinite(array).all():
+        raise BadLog(f"{label} holds NaN or infinity; leave those rows out")
+    array.flags.writeable = False
+    return array

@@ -61,6 +61,12 @@ class Batch:
         """Returns the folder of one result."""
         return self.folder / self.points[point].folder / log
 
+    def _repr_html_(self) -> str:
+        """Returns what a notebook shows; see `compare.show_many`."""
+        from compare.show_many import batch_html
+
+        return batch_html(self)
+
     @property
     def failed_jobs(self) -> int:
         """How many logs, counted once for each point, gave no result or lack a method's."""

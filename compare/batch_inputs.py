@@ -30,9 +30,9 @@ def find_logs(given: Sequence[Path | str]) -> tuple[NamedLog, ...]:
     """Returns the logs that are meant, each once, in the order given.
 
     Args:
-        given: each a log; a folder of logs, which stands for those in it, sorted; a pattern such as
-            ``day*/run?``, sorted; or a file that ends in .txt with one of these a line, relative to
-            that file, empty lines and those that begin with # left out.
+        given: each a log; a folder of logs and bags, which stands for those in it, sorted; a
+            pattern such as ``day*/run?``, sorted; or a file that ends in .txt with one of these a
+            line, relative to that file, empty lines and those that begin with # left out.
 
     Logs are called as their folders (files: without ending); of several alike, the second and
     later get -2, -3, ... in their order.
@@ -70,10 +70,10 @@ def _inside(path: Path) -> Iterable[Path]:
     """Returns the logs in a folder of logs; of all else, the path itself."""
     if not path.is_dir() or (path / "log.toml").exists():
         return [path]
-    from frontend.readers.bag_files import is_bag
+    from frontend.readers.bag_files import METADATA, is_bag
 
     try:
-        if is_bag(path):
+        if (path / METADATA).is_file():  # without it, loose files are a bag each
             return [path]
         logs = [below.parent for below in path.glob("*/log.toml")]
         return sorted({*logs, *(below for below in path.iterdir() if is_bag(below))}) or [path]

@@ -73,6 +73,12 @@ class MapPair:
     def __post_init__(self) -> None:
         freeze_arrays(self)
 
+    def _repr_html_(self) -> str:
+        """Returns what a notebook shows; see `compare.show_many`."""
+        from compare.show_many import pair_html
+
+        return pair_html(self)
+
     @property
     def sure(self) -> bool:
         """Whether the alignment is the only one that can be right, as far as the maps tell.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import html
 import json
 import math
 import os
@@ -80,6 +81,19 @@ def test_folders_patterns_and_lists_name_logs_once_and_in_order(tmp_path: Path) 
         ("log-0", one),
         ("log-1-2", two),
     ]
+
+
+def test_loose_bags_in_a_folder_are_a_log_each_and_a_bag_with_its_metadata_is_one(
+    tmp_path: Path,
+) -> None:
+    for name in ("loose/two.mcap", "loose/one.bag", "whole/a_0.mcap", "whole/a_1.mcap"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(b"")
+    (tmp_path / "whole" / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
+    loose = [tmp_path / "loose" / name for name in ("one.bag", "two.mcap")]
+    assert [log.path for log in find_logs([tmp_path / "loose"])] == loose
+    assert [log.path for log in find_logs([tmp_path / "whole"])] == [tmp_path / "whole"]
+    assert [log.name for log in find_logs([tmp_path])] == ["loose", "whole"]
 
 
 def test_what_is_no_log_is_kept_for_its_error_to_be_told(tmp_path: Path) -> None:
@@ -327,6 +341,16 @@ def test_page_is_whole_offline_and_tells_figures_and_failures(done: Path) -> Non
     for told in ("median", "mean", "worst", "sightings.csv:", "3 of 4", "path RMSE, aligned (mm)"):
         assert told in text
     assert text.count("<svg") == 1
+
+
+def test_notebook_shows_figures_failures_and_spread(logs: Path, done: Path) -> None:
+    result = batch([logs], done, RunConfig(methods=QUICK), reports=False, jobs=1)
+    assert result.computed == 0
+    shown = result._repr_html_()
+    assert Page(shown)
+    assert "<td>path RMSE, aligned (mm)</td>" in shown
+    assert shown.count("<svg") == 1
+    assert all(html.escape(failure.reason) in shown for failure in result.failures)
 
 
 def test_logs_without_truth_are_summed_up_by_what_methods_claim(

@@ -204,6 +204,15 @@ def test_the_page_needs_no_network_and_is_the_same_each_time(home: Path, tmp_pat
     assert outside == []
 
 
+def test_a_notebook_shows_the_verdict_both_maps_and_every_line(home: Path) -> None:
+    [pair] = compare_maps([home / "monday", home / "friday"])
+    assert pair.test is not None
+    shown = pair._repr_html_()
+    assert verdict(pair) in shown
+    assert shown.count("<svg") == 1
+    assert shown.count("<tr>") == 1 + len(pair.test.matches)
+
+
 def test_lines_that_only_one_map_has_are_named(home: Path, tmp_path: Path) -> None:
     rows = (home / "monday" / "smoother" / "map.csv").read_text().splitlines()
     less = tmp_path / "less.csv"

@@ -303,7 +303,8 @@ def alarms(methods: Sequence[MethodMetrics]) -> Iterator[str]:
     for m in methods:
         for reason, times in m.counts.items():
             if reason.startswith("lost"):
-                yield f"{m.method} was lost {times} times{reason.removeprefix('lost')}."
+                often = "once" if times == 1 else f"{times} times"
+                yield f"{m.method} was lost {often}{reason.removeprefix('lost')}."
         if not m.converged:
             yield (
                 f"{m.method} did not converge in {m.iterations} iterations: its figures are those "

@@ -167,6 +167,8 @@ def test_lost_episodes_and_missing_convergence_are_said() -> None:
     comparison = with_method(with_method(JUDGED, lost), late)
     assert sentence(comparison, "ekf was lost 3 times: every sighting rejected.")
     assert sentence(comparison, "smoother did not converge in 50 iterations")
+    once = replace(lost, counts={"lost: every sighting rejected": 1})
+    assert sentence(with_method(JUDGED, once), "ekf was lost once: every sighting rejected.")
 
 
 def test_a_method_that_odometry_alone_beats_is_warned_of() -> None:

@@ -172,6 +172,10 @@ class SmootherConfig:
             raise BadConfig(f"smoother.robust = {self.robust!r}: must be one of {known}")
         if not 0 < self.robust_gate < math.inf:
             raise BadConfig(f"smoother.robust_gate = {self.robust_gate}: must be positive")
+        if self.robust_odometry and self.robust == "none":
+            raise BadConfig(
+                'smoother.robust_odometry = true: needs a kernel, such as smoother.robust = "gnc"'
+            )
         if self.max_iterations < 1:
             raise BadConfig(f"smoother.max_iterations = {self.max_iterations}: must be 1 or more")
         if not 0 < self.tolerance < 1:

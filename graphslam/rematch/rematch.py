@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from graphslam.config import RematchConfig, SmootherConfig
+from graphslam.association import gate_for
+from graphslam.config import EkfConfig, RematchConfig, SmootherConfig
 from graphslam.measurements import IntArray
 from graphslam.rematch.closing import closures
 from graphslam.rematch.decide import decide
@@ -18,8 +19,10 @@ from graphslam.rematch.merge import TWO, merges
 from graphslam.rematch.slips import shifted, shifts
 from graphslam.rematch.starts import parted
 from graphslam.rematch.submaps import submaps
-from graphslam.smoother.problem import Minimum, Problem
-from graphslam.smoother.robust import minimise_robustly
+from graphslam.rematch.torn import mend, tears
+from graphslam.rematch.window import sliding_window
+from graphslam.smoother.problem import Minimum, Problem, state_problem
+from graphslam.smoother.robust import ODOMETRY_DIM, minimise_robustly
 
 Minimise = Callable[[Problem, SmootherConfig], Minimum]
 
@@ -31,9 +34,15 @@ REJECTED = "sightings rejected by rematching"
 SHIFTED = "stretches of the path shifted by rematching"
 MOVED = "sightings moved to another landmark by rematching"
 
+ROUNDS = "rounds of rematching that only moved sightings"
 CLOSED = "loops closed by rematching"
+MENDED = "places where odometry slipped mended by rematching"
+AFRESH = "rematching began anew from a pass of its own that forgets what it has left behind"
+UNSETTLED = "rematching stopped before nothing changed any more"
 AGAIN = "rematching began anew without the loops that the first estimate closed"
 
+HOPELESS = 0.1
+"""Share of sightings without a landmark beyond which the matches given are not trusted at all."""
 PATIENCE = 3
 """Rounds without a lower objective after which no more are tried."""
 LEAST_PROMISE = 0.0
@@ -66,12 +75,13 @@ def objective(fitted: Fitted, config: RematchConfig) -> float:
 
     The cost of the minimum, half the gate for each sighting left out, and half of `merge.TWO` gates
     for each landmark: a sighting is worth matching, and two landmarks worth merging, exactly while
-    it costs less than their gates allow.
+    it costs less than their gates allow. An increment that is switched off costs half its own gate.
     """
     problem = fitted.problem
     out = of_landmark_kinds(problem) & (problem.match == UNMATCHED)
     price = float(out.sum()) + TWO * float(np.sum(~problem.fixed))
-    return fitted.minimum.cost + 0.5 * config.gate * price
+    slipped = float(np.sum(problem.odometry_weight < 0.5)) * gate_for(config.gate, ODOMETRY_DIM)
+    return fitted.minimum.cost + 0.5 * (config.gate * price + slipped)
 
 
 def rematch(
@@ -82,15 +92,32 @@ def rematch(
     Raises:
         UnderConstrained: the measurements do not determine every pose and landmark.
     """
-    first = problem.match
+    window_m = config.rematching.window_m
     best = settle(problem, config, minimise)
-    apart = parted(problem, config.rematching.window_m)
+    apart = parted(problem, window_m)
     if len(apart.kinds) > len(problem.kinds):
-        other = settle(apart, config, minimise)
-        if other.objective < best.objective - LEAST_GAIN:
-            best = replace(other, counts={**other.counts, AGAIN: 1})
-    counts = Counter(best.counts) + compared(first, best.fitted.problem.match)
+        best = _better(best, settle(apart, config, minimise), AGAIN)
+    if max(_left_out(problem), _left_out(best.fitted.problem)) > HOPELESS:
+        found = sliding_window(problem.measurements, EkfConfig(), window_m)
+        afresh = state_problem(problem.measurements, found.match, found)
+        best = _better(best, settle(afresh, config, minimise), AFRESH)
+    counts = Counter(best.counts) + compared(problem.match, best.fitted.problem.match)
+    if not best.settled:
+        counts[UNSETTLED] = 1
     return best.fitted.problem, dict(sorted(counts.items()))
+
+
+def _better(best: Rematched, other: Rematched, name: str) -> Rematched:
+    """Returns the one of lower objective; where that is the other, its counts say ``name``."""
+    if other.objective < best.objective - LEAST_GAIN:
+        return replace(other, counts={**other.counts, name: 1})
+    return best
+
+
+def _left_out(problem: Problem) -> float:
+    """Returns the share of sightings that could have a landmark and have none."""
+    matched = problem.match[of_landmark_kinds(problem)] != UNMATCHED
+    return 1.0 - float(matched.mean()) if len(matched) else 0.0
 
 
 def settle(problem: Problem, config: SmootherConfig, minimise: Minimise) -> Rematched:
@@ -106,6 +133,8 @@ def settle(problem: Problem, config: SmootherConfig, minimise: Minimise) -> Rema
     problem = _robust(problem, config, minimise)
     best = _rounds(problem, config, minimise, rules.rounds)
     best = _closed(best, config, minimise)
+    if config.robust_odometry:
+        best = _mended(best, config, minimise)
     for _ in range(rules.rounds):
         better = _unslipped(best, config, minimise)
         if better is None:
@@ -162,6 +191,19 @@ def _closed(best: Rematched, config: SmootherConfig, minimise: Minimise) -> Rema
     return best
 
 
+def _mended(best: Rematched, config: SmootherConfig, minimise: Minimise) -> Rematched:
+    """Returns the matches after mending the path where odometry must have been wrong."""
+    for tear in tears(best.fitted, config, minimise):
+        tried = mend(best.fitted.problem, tear)
+        tried = _robust(_joined(tried, tear.pairs.tolist()), config, minimise)
+        mended = _rounds(tried, config, minimise, config.rematching.rounds)
+        if mended.objective < best.objective - LEAST_GAIN:
+            counts = Counter(best.counts) + Counter(mended.counts) + Counter({MENDED: 1})
+            mended = replace(mended, counts=dict(counts))
+            return _mended(mended, config, minimise)
+    return best
+
+
 def _now(before: IntArray, after: IntArray, pair: tuple[int, int]) -> tuple[int, int]:
     """Returns what two landmarks are called under other matches: as most of their sightings are."""
     a, b = (after[(before == landmark) & (after >= 0)] for landmark in pair)
@@ -207,7 +249,7 @@ def _one_round(fitted: Fitted, rules: RematchConfig) -> tuple[Problem, Counter[s
     changed = bool(np.any(problem.match != fitted.problem.match))
     done += Counter()  # drops what was not done
     if changed and not done:
-        done["rounds of moved sightings"] += 1
+        done[ROUNDS] += 1
     return renumbered(problem, problem.match), done
 
 
@@ -223,7 +265,7 @@ def _without_small(match: IntArray, problem: Problem, fewest: int, done: Counter
     count = np.bincount(match[match >= 0], minlength=len(problem.kinds))
     small = (count < fewest) & ~problem.fixed
     done[DROPPED] += int(np.sum(small & (count > 0)))
-    return np.where((match >= 0) & small[match], UNMATCHED, match)
+    return np.where(np.append(small, False)[match], UNMATCHED, match)
 
 
 def compared(before: IntArray, after: IntArray) -> Counter[str]:

@@ -53,15 +53,27 @@ def submaps(fitted: Fitted, config: SmootherConfig, minimise: Minimise) -> tuple
     way = travelled(fitted.problem.pose)
     made = []
     for begin in np.arange(0.0, max(way[-1] - 0.5 * length, 1e-9), 0.5 * length):
-        first, last = np.searchsorted(way, [begin, begin + length])
-        problem, landmark = _local(fitted, int(first), int(last), config.rematching)
-        if len(landmark):
-            try:
-                lines = _lines(problem, minimise(problem, config))
-            except UnderConstrained:
-                continue
-            made.append(Submap(int(first), int(last), landmark, lines))
+        first, last = np.searchsorted(way, [begin, begin + length]).tolist()
+        local = local_map(fitted, first, last, config, minimise)
+        if local is not None:
+            made.append(local)
     return tuple(made)
+
+
+def local_map(
+    fitted: Fitted, first: int, last: int, config: SmootherConfig, minimise: Minimise
+) -> Submap | None:
+    """Returns the map of nodes ``first`` to ``last - 1`` from their measurements alone.
+
+    None where they do not determine one.
+    """
+    problem, landmark = _local(fitted, first, last, config.rematching)
+    if not len(landmark):
+        return None
+    try:
+        return Submap(first, last, landmark, _lines(problem, minimise(problem, config)))
+    except UnderConstrained:
+        return None
 
 
 def _local(fitted: Fitted, first: int, last: int, rules: RematchConfig) -> tuple[Problem, IntArray]:

@@ -20,6 +20,8 @@ from graphslam.smoother.robust import minimise_robustly
 ENGINES = {"gtsam": "graphslam.smoother.engine_gtsam", "chain": "graphslam.smoother.chain"}
 SWITCHED_OFF = "sighting switched off by the robust kernel"
 
+SLIPPED = "increment of odometry switched off by the robust kernel"
+
 
 def smooth(
     measurements: Measurements,
@@ -98,6 +100,8 @@ def finish(problem: Problem, minimum: Minimum) -> Estimate:
     nis, _ = sighting_fit(measurements, pose, landmarks.params, match)
     off = problem.weight == 0.0
     nis[off] = np.nan
+    slipped = problem.odometry_weight < 0.5
+    counts = {SWITCHED_OFF: int(off.sum()), SLIPPED: int(slipped.sum())}
     return Estimate(
         method="smoother",
         causal=False,
@@ -114,5 +118,5 @@ def finish(problem: Problem, minimum: Minimum) -> Estimate:
         iterations=minimum.iterations,
         converged=minimum.converged,
         unobserved=unobserved_directions(information, joint[:3, :3], cov_odometry[-1]),
-        counts={SWITCHED_OFF: int(off.sum())} if off.any() else {},
+        counts={reason: number for reason, number in counts.items() if number},
     )

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from graphslam.association import gate_for
-from graphslam.config import SmootherConfig
+from graphslam.config import Robust, SmootherConfig
 from graphslam.geometry import Array
 from graphslam.landmarks import known_count
 from graphslam.smoother.fit import odometry_fit, sighting_fit
@@ -26,6 +26,8 @@ ANNEALING = 1.4
 SETTLED = 1e-3
 """Weights that change by less than this from round to round are final."""
 MOST_ROUNDS = 100
+SHARP = 1e2
+"""Control parameter at which the kernel is as good as truncated least squares."""
 ROUGH = 1e-4
 """Tolerance of the minima between: the weights change more than they do."""
 
@@ -48,10 +50,21 @@ def minimise_robustly(
     Source: graduated non-convexity with truncated least squares: Yang, Antonante, Tzoumas, Carlone,
     RA-L 2020, eqs. (12), (14); Huber's and Cauchy's weights as in any textbook.
     """
-    weigher = _Weigher(problem, config)
     rough = replace(config, tolerance=max(config.tolerance, ROUGH))
+    weigher = _Weigher(problem, config)
+    problem = _annealed(problem, rough, minimise, weigher)
+    if config.robust_odometry:
+        weigher.take_odometry()
+        problem = _annealed(problem, rough, minimise, weigher)
+    return problem, minimise(problem, config)
+
+
+def _annealed(
+    problem: Problem, config: SmootherConfig, minimise: Minimise, weigher: _Weigher
+) -> Problem:
+    """Returns the problem at the weights at which the loop comes to rest."""
     for _ in range(MOST_ROUNDS):
-        minimum = minimise(problem, rough)
+        minimum = minimise(problem, config)
         weight, odometry_weight = weigher.weights(minimum)
         change = max(
             np.max(np.abs(weight - problem.weight), initial=0.0),
@@ -66,17 +79,53 @@ def minimise_robustly(
         )
         if change < SETTLED and weigher.settled:
             break
-    return problem, minimise(problem, config)
+    return problem
+
+
+class _Kernel:
+    """Weights of one kind of residuals, sharper every round where it is annealed."""
+
+    def __init__(self, robust: Robust) -> None:
+        self.robust = robust
+        self.control: float | None = None
+        self.settled = robust != "gnc"
+
+    def __call__(self, ratio: Array) -> Array:
+        """Returns weights of squared residuals over the largest that an inlier has."""
+        if self.robust == "huber":
+            return np.asarray(1.0 / np.sqrt(np.maximum(ratio, 1.0)))
+        if self.robust == "cauchy":
+            return np.asarray(1.0 / (1.0 + ratio))
+        if self.control is None:
+            self.control = 1.0 / max(2.0 * float(np.max(ratio, initial=0.0)) - 1.0, 1e-3)
+        elif not self.settled:
+            self.control *= ANNEALING
+        mu = self.control
+        self.settled = mu > SHARP
+        between = np.sqrt(mu * (mu + 1.0) / np.maximum(ratio, 1e-300)) - mu
+        return np.asarray(np.clip(between, 0.0, 1.0))
 
 
 class _Weigher:
-    """The kernel's weights round after round, sharper every time where it is annealed."""
+    """The weights of sightings, and once those have settled of increments, round after round.
+
+    Matches may be wrong and wheels may slip at once. Odometry, which is nearly always right, first
+    tells the wrong matches; what remains then tells the slips.
+    """
 
     def __init__(self, problem: Problem, config: SmootherConfig) -> None:
-        self.problem, self.config = problem, config
-        self.limit = np.ones(problem.measurements.sighting_count)
-        self.control: float | None = None
-        self.settled = config.robust != "gnc"
+        self.problem, self.gate = problem, config.robust_gate
+        self.sightings, self.increments = _Kernel(config.robust), _Kernel(config.robust)
+        self.odometry = False
+
+    @property
+    def settled(self) -> bool:
+        """Whether the kernels get no sharper any more."""
+        return self.sightings.settled and (self.increments.settled or not self.odometry)
+
+    def take_odometry(self) -> None:
+        """Lets increments have weights, too."""
+        self.odometry = True
 
     def weights(self, minimum: Minimum) -> tuple[Array, Array]:
         """Returns weights of all sightings (K,) and increments (N-1,) for the next round."""
@@ -87,35 +136,12 @@ class _Weigher:
         used = np.isfinite(squared)
         ratio = np.zeros(len(squared))  # squared residual over the largest an inlier has
         for d in np.unique(dim[used]):
-            ratio[dim == d] = squared[dim == d] / gate_for(self.config.robust_gate, int(d))
-        step = np.zeros(0)
-        if self.config.robust_odometry:
-            step = odometry_fit(problem.measurements, minimum.pose)
-            step = step / gate_for(self.config.robust_gate, ODOMETRY_DIM)
-        self._anneal(max(np.max(ratio, initial=0.0), np.max(step, initial=0.0)))
-        weight = self._keep_one_each(np.where(used, self._kernel(ratio), 1.0), ratio)
-        if not self.config.robust_odometry:
-            return weight, np.ones(len(problem.odometry_weight))
-        return weight, np.maximum(self._kernel(step), SMALLEST_WEIGHT)
-
-    def _anneal(self, worst: float) -> None:
-        if self.config.robust != "gnc":
-            return
-        if self.control is None:
-            self.control = 1.0 / max(2.0 * worst - 1.0, 1e-3)
-        else:
-            self.control *= ANNEALING
-        self.settled = self.control > 1e2
-
-    def _kernel(self, ratio: Array) -> Array:
-        if self.config.robust == "huber":
-            return np.asarray(1.0 / np.sqrt(np.maximum(ratio, 1.0)))
-        if self.config.robust == "cauchy":
-            return np.asarray(1.0 / (1.0 + ratio))
-        assert self.control is not None
-        mu = self.control
-        between = np.sqrt(mu * (mu + 1.0) / np.maximum(ratio, 1e-300)) - mu
-        return np.asarray(np.clip(between, 0.0, 1.0))
+            ratio[dim == d] = squared[dim == d] / gate_for(self.gate, int(d))
+        weight = self._keep_one_each(np.where(used, self.sightings(ratio), 1.0), ratio)
+        if not self.odometry:
+            return weight, problem.odometry_weight
+        step = odometry_fit(problem.measurements, minimum.pose) / gate_for(self.gate, ODOMETRY_DIM)
+        return weight, np.maximum(self.increments(step), SMALLEST_WEIGHT)
 
     def _keep_one_each(self, weight: Array, ratio: Array) -> Array:
         """Returns weights with one sighting of each landmark left in use.

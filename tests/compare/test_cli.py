@@ -121,9 +121,9 @@ def test_how_to_match_has_short_flags_which_a_file_can_set_and_a_flag_take_back(
     ekf = EkfConfig(MatchingConfig(method="jcbb"))
     assert given == replace(RunConfig(), ekf=ekf, smoother=smoother)
     file = tmp_path / "mine.toml"
-    file.write_text("[smoother]\nrematch = true\nrobust_odometry = true\n")
+    file.write_text("[smoother]\nrematch = true\nrobust = 'huber'\n")
     settings = parse(["run", "log", "--config", str(file), "--no-rematch"]).settings
-    assert settings == replace(RunConfig(), smoother=SmootherConfig(robust_odometry=True))
+    assert settings == replace(RunConfig(), smoother=SmootherConfig(robust="huber"))
 
 
 def test_an_equals_sign_names_the_config_file_too(tmp_path: Path) -> None:

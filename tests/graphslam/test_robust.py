@@ -15,6 +15,9 @@ from graphslam.smoother import smooth
 from graphslam.smoother.fit import odometry_fit, sighting_fit
 from tests.worlds import GRID, drive
 
+PLAIN = SmootherConfig(engine="chain")
+GNC, HUBER = replace(PLAIN, robust="gnc"), replace(PLAIN, robust="huber")
+SLIPPING = replace(GNC, robust_odometry=True)
 KNOWN = EkfConfig(matching=MatchingConfig(method="known"))
 
 
@@ -41,10 +44,10 @@ def test_a_robust_kernel_does_as_well_as_if_the_wrong_matches_were_known(robust)
         table = spoilt.sightings["line"]
         without = {"line": replace(table, truth=np.where(wrong, -1, table.truth))}
         told = replace(spoilt, sightings=without)
-        best = path_rmse(smooth(told, run_ekf(told, KNOWN)), truth)
+        best = path_rmse(smooth(told, run_ekf(told, KNOWN), PLAIN), truth)
         start = run_ekf(spoilt, KNOWN)
-        estimate = smooth(spoilt, start, SmootherConfig(robust=robust))
-        assert path_rmse(smooth(spoilt, start), truth) > 5 * best
+        estimate = smooth(spoilt, start, SmootherConfig(engine="chain", robust=robust))
+        assert path_rmse(smooth(spoilt, start, PLAIN), truth) > 5 * best
         assert path_rmse(estimate, truth) < best + 0.003  # a right one in a thousand goes, too
         off = estimate.weight < 0.5
         assert off[wrong].mean() > 0.95
@@ -55,7 +58,7 @@ def test_huber_reduces_what_wrong_matches_cost():
     measurements, truth = drive(0, nodes=150)
     spoilt, wrong = with_wrong_matches(measurements, 0.07, 0)
     start = run_ekf(spoilt, KNOWN)
-    plain, estimate = smooth(spoilt, start), smooth(spoilt, start, SmootherConfig(robust="huber"))
+    plain, estimate = smooth(spoilt, start, PLAIN), smooth(spoilt, start, HUBER)
     assert path_rmse(estimate, truth) < 0.3 * path_rmse(plain, truth)
     assert estimate.weight[wrong].max() < estimate.weight[~wrong].mean()
 
@@ -77,16 +80,30 @@ def test_robust_odometry_survives_a_slip():
     increment[70, 0] += 0.5
     slipped = replace(measurements, odometry=replace(measurements.odometry, increment=increment))
     start = run_ekf(slipped, KNOWN)
-    plain = smooth(slipped, start)
-    estimate = smooth(slipped, start, SmootherConfig(robust="gnc", robust_odometry=True))
-    clean = path_rmse(smooth(measurements, run_ekf(measurements, KNOWN)), truth)
+    plain = smooth(slipped, start, PLAIN)
+    estimate = smooth(slipped, start, SLIPPING)
+    clean = path_rmse(smooth(measurements, run_ekf(measurements, KNOWN), PLAIN), truth)
     assert path_rmse(estimate, truth) < 1.3 * clean < path_rmse(plain, truth)
+
+
+def test_a_slip_and_wrong_matches_are_told_apart():
+    measurements, truth = drive(4, nodes=150)
+    increment = measurements.odometry.increment.copy()
+    increment[70, 0] += 0.3
+    slipped = replace(measurements, odometry=replace(measurements.odometry, increment=increment))
+    spoilt, wrong = with_wrong_matches(slipped, 0.07, 4)
+    estimate = smooth(spoilt, run_ekf(spoilt, KNOWN), SLIPPING)
+    clean = path_rmse(smooth(measurements, run_ekf(measurements, KNOWN), PLAIN), truth)
+    assert path_rmse(estimate, truth) < 1.3 * clean
+    assert (estimate.weight[wrong] < 0.5).mean() > 0.95
+    assert (estimate.weight[~wrong] < 0.5).mean() < 0.02
+    assert estimate.counts["increment of odometry switched off by the robust kernel"] <= 2
 
 
 def test_what_is_switched_off_is_counted_and_not_used():
     measurements, _ = drive(1, nodes=80)
     spoilt, _ = with_wrong_matches(measurements, 0.1, 1)
-    estimate = smooth(spoilt, run_ekf(spoilt, KNOWN), SmootherConfig(robust="gnc"))
+    estimate = smooth(spoilt, run_ekf(spoilt, KNOWN), GNC)
     off = estimate.weight == 0
     assert off.any()
     assert not estimate.used[off].any()
@@ -102,7 +119,7 @@ def test_two_sightings_that_contradict_each_other_leave_their_landmark_determine
     z = table.z.copy()
     z[rows[0], 0] += 5.0
     spoilt = replace(measurements, sightings={"line": replace(table, truth=truth, z=z)})
-    estimate = smooth(spoilt, run_ekf(spoilt, KNOWN), SmootherConfig(robust="gnc"))
+    estimate = smooth(spoilt, run_ekf(spoilt, KNOWN), GNC)
     assert np.isfinite(estimate.cov_joint).all()
     assert estimate.used[rows].any()
 
@@ -121,3 +138,5 @@ def test_unknown_kernels_are_refused():
         SmootherConfig(robust="tukey")
     with pytest.raises(BadConfig, match=r"smoother\.robust_gate"):
         SmootherConfig(robust_gate=0.0)
+    with pytest.raises(BadConfig, match="needs a kernel"):
+        SmootherConfig(robust_odometry=True)

@@ -24,7 +24,7 @@ from compare.results import RUN_FORMAT, check_replaceable, whole_folder, write_j
 from compare.truth import truth_of
 from frontend.extract import extract, extraction_warnings
 from frontend.log import Log, open_log, with_camera_offset
-from frontend.overlay_frames import write_overlays
+from frontend.overlay_frames import check_overlays, write_overlays
 from graphslam.estimate import Estimate
 from graphslam.measurements import Measurements
 
@@ -181,6 +181,8 @@ def extract_log(
     config, out = config or RunConfig(), Path(out)
     log = open_as(path, config, progress)
     check_replaceable(out)
+    if overlay is not None:
+        check_overlays(log, Path(overlay))
     clock = _Clock(progress, log)
     measurements = clock("extract", lambda: extract(log, config.extract, clock.inside("extract")))
     info = _info(log, measurements, config, {})

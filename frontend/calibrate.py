@@ -59,11 +59,13 @@ class Lens:
 
     Attributes:
         matrix: (3, 3) camera matrix, pixels.
-        distortion: (n,) OpenCV coefficients k1 k2 p1 p2 [k3 ...].
+        distortion: (n,) OpenCV coefficients k1 k2 p1 p2 [k3 ...] (fisheye: k1 k2 k3 k4).
+        model: which of OpenCV's models they belong to, "plain" or "fisheye".
     """
 
     matrix: Array
     distortion: Array
+    model: str = "plain"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,6 +156,8 @@ def camera_toml(found: CameraCalibration) -> str:
     if camera.distortion is not None and camera.matrix is not None:
         lines.append(f"matrix = {_rows(camera.matrix)}")
         lines.append(f"distortion = [{', '.join(_number(v) for v in camera.distortion)}]")
+        if camera.lens != "plain":
+            lines.append(f'lens = "{camera.lens}"')
     return "\n".join(lines) + "\n"
 
 
@@ -162,8 +166,11 @@ def _solver(
 ) -> Callable[[Array, Array], Camera]:
     """Returns the function that makes a camera of pixels (K, 2) and floor points (K, 2)."""
 
+    model = "plain" if lens is None else lens.model
+
     def camera_of(fit: Fit, matrix: Array | None, distortion: Array | None) -> Camera:
-        return Camera(DEFAULT_CAMERA, "floor", image_size, fit.homography, matrix, distortion)
+        H = fit.homography
+        return Camera(DEFAULT_CAMERA, "floor", image_size, H, matrix, distortion, model)
 
     def plain(pixel: Array, floor: Array) -> Camera:
         return camera_of(fit_homography(floor, pixel), None, None)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from frontend.calibrate import CameraCalibration
 from frontend.camera import Camera
+from frontend.images import undistorted
 from graphslam.errors import BadConfig
 from graphslam.geometry import Array
 
@@ -46,10 +47,8 @@ def calibration_picture(found: CameraCalibration, grey: NDArray[np.uint8] | None
     """
     camera = found.camera
     width, height = camera.image_size
-    if grey is None:
-        grey = np.full((height, width), EMPTY, np.uint8)
-    elif camera.distortion is not None:
-        grey = np.asarray(cv2.undistort(grey, camera.matrix, camera.distortion), np.uint8)
+    blank = np.full((height, width), EMPTY, np.uint8)
+    grey = blank if grey is None else undistorted(grey, camera)
     scale = max(1.0, LEAST_WIDTH / width)
     size = (round(scale * width), round(scale * height))
     resized = cv2.resize(grey, size, interpolation=cv2.INTER_LINEAR)

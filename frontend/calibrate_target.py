@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -67,12 +68,13 @@ class Chessboard:
 
 @dataclass(frozen=True, slots=True)
 class _LensTable:
-    """The two keys of a lens, as they stand in log.toml."""
+    """The keys of a lens, as they stand in log.toml."""
 
     matrix: tuple[
         tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]
     ]
     distortion: tuple[float, ...]
+    lens: Literal["plain", "fisheye"] = "plain"
 
 
 def read_points(path: Path) -> KnownPoints:
@@ -86,16 +88,16 @@ def read_points(path: Path) -> KnownPoints:
 
 
 def read_lens(path: Path) -> Lens:
-    """Returns the ``matrix`` and ``distortion`` of a TOML file, at its top or under [camera].
+    """Returns ``matrix``, ``distortion`` and ``lens`` of a TOML file, at its top or under [camera].
 
     Raises:
         BadConfig: the file says something else.
     """
     content = load_toml(path)
     inside = content.get("camera", content)
-    wanted = {key: inside[key] for key in ("matrix", "distortion") if key in inside}
+    wanted = {key: inside[key] for key in ("matrix", "distortion", "lens") if key in inside}
     table = from_dict(_LensTable, wanted, str(path))
-    return Lens(np.array(table.matrix), np.array(table.distortion))
+    return Lens(np.array(table.matrix), np.array(table.distortion), table.lens)
 
 
 def read_image(path: Path) -> NDArray[np.uint8]:
@@ -170,7 +172,9 @@ def dot_points(
 
 def _undistorted(pixel: Array, lens: Lens, grey: NDArray[np.uint8]) -> Array:
     size = (grey.shape[1], grey.shape[0])
-    only_lens = Camera(DEFAULT_CAMERA, "floor", size, np.eye(3), lens.matrix, lens.distortion)
+    only_lens = Camera(
+        DEFAULT_CAMERA, "floor", size, np.eye(3), lens.matrix, lens.distortion, lens.model
+    )
     return only_lens.undistort(pixel)
 
 

@@ -37,6 +37,8 @@ class Camera:
         matrix: (3, 3) camera matrix, pixels, or None; it also makes the undistorted pixels.
         distortion: (n,) OpenCV coefficients k1 k2 p1 p2 [k3 ...] (fisheye: k1 k2 k3 k4), or None.
         lens: which of OpenCV's models ``distortion`` belongs to, "plain" or "fisheye".
+        ignore_px: parts of the image that show the robot itself, each the corners u, v, u, v, ...
+            of a rectangle (two) or a polygon (three or more), pixels of the recorded image.
 
     Raises:
         BadConfig: a value cannot be used; the message names it and the cure.
@@ -49,6 +51,7 @@ class Camera:
     matrix: Array | None = None
     distortion: Array | None = None
     lens: str = "plain"
+    ignore_px: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:
         if self.looks_at not in LOOKS_AT:
@@ -59,6 +62,7 @@ class Camera:
         if len(size) != 2 or any(n != int(n) or n <= 0 for n in size):
             raise self._bad(f"image_size = {size}: give [width, height] in pixels, both positive")
         object.__setattr__(self, "image_size", (int(size[0]), int(size[1])))
+        self._check_ignored()
         self._set_array("homography", (3, 3))
         if self.matrix is not None:
             self._set_array("matrix", (3, 3))
@@ -79,6 +83,14 @@ class Camera:
                     "4 (k1 k2 p1 p2), 5, 8, 12 or 14"
                 )
         self._orient_homography()
+
+    def _check_ignored(self) -> None:
+        for corners in self.ignore_px:
+            if len(corners) < 4 or len(corners) % 2 or not np.isfinite(corners).all():
+                raise self._bad(
+                    f"ignore_px has a part {list(corners)}; give its corners u, v, u, v, ... in "
+                    "pixels, two of a rectangle or all of a polygon"
+                )
 
     def _set_array(self, name: str, shape: tuple[int | None, ...]) -> None:
         try:

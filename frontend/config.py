@@ -12,7 +12,6 @@ Method = Literal["lsd", "hough-p", "hough"]
 Polarity = Literal["dark", "bright", "both"]
 SigmaLaw = Literal["measured", "paper"]
 Binarise = Literal["canny", "global"]
-Rectangle = tuple[float, float, float, float]
 
 CHOICES: dict[str, tuple[str, ...]] = {
     "method": get_args(Method),
@@ -48,9 +47,6 @@ class DetectorConfig:
     edges are seen, less where they waver and where the line is short."""
     coarsest_pixel_m: float = 0.03
     """Pixels that cover more floor than this are ignored (near the horizon), m."""
-    ignore_px: tuple[Rectangle, ...] = ()
-    """Rectangles of the image that show the robot itself, each u, v of one corner and u, v of the
-    opposite one, pixels of the recorded image (lsd and hough-p)."""
     vaguest_alpha_deg: float = 0.5
     """Lines are left out whose own fit leaves their direction more uncertain than this (one
     standard deviation), degrees."""
@@ -111,8 +107,6 @@ class DetectorConfig:
                 raise BadConfig(
                     f"{name} = {getattr(self, name)!r}: must be {', '.join(others)} or {last}"
                 )
-        if not all(len(r) == 4 and all(map(math.isfinite, r)) for r in self.ignore_px):
-            raise BadConfig("ignore_px: each rectangle is four finite numbers, u, v, u, v")
         for f in fields(self):
             value: Any = getattr(self, f.name)
             if not isinstance(value, int | float):

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.config import DetectorConfig
+from frontend.ignored import ignored_image
 from graphslam.geometry import TAU, Array
 
 IntArray = NDArray[np.int64]
@@ -83,6 +84,8 @@ def find_edge_pixels(grey: NDArray[np.uint8], camera: Camera, config: DetectorCo
     Source: SantanaLoc section 4.1, SantanaSLAM section 3.4.
     """
     dx, dy, magnitude, mask = edge_image(grey, config)
+    if camera.ignore_px:
+        mask &= ~ignored_image(camera)
     margin = 1 + int(np.ceil(3.0 * config.smoothing_px))  # mirrored at the border, edges bend
     v, u = np.nonzero(mask[margin:-margin, margin:-margin])
     u, v = u + margin, v + margin

@@ -10,6 +10,7 @@ import hashlib
 import io
 import json
 import os
+import re
 import tempfile
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -24,17 +25,14 @@ from frontend.config import DetectorConfig
 from frontend.detected import DetectedLines
 from frontend.images import image_digest
 from frontend.log import Log
+from graphslam import geometry
 from graphslam.measurements import IntArray
 
 FOLDER = "GRAPHSLAM_CACHE"
 """Environment variable that names the cache's folder in place of the usual one."""
 MOST_BYTES = 200_000_000
 """The entries that were written first go when there are more bytes than this."""
-CODE = (
-    "camera", "detected", "fit_table", "floor_fit", "hough", "hough_lines", "image_lines", "images",
-    "line_cache", "line_fit", "line_noise", "lines", "pairing", "profiles", "segment_lines",
-    "segments", "sight", "straight",
-)  # fmt: skip
+ENTRY = re.compile(r"[0-9a-f]{64}|\.lines-\w+")  # whole ones, and those being written
 PARTS = ("z", "cov", "extent", "quality", "source", "unreadable", "rejected")
 
 
@@ -77,7 +75,7 @@ def cache_key(log: Log, numbers: IntArray, detector: DetectorConfig) -> str:
     names = [log.images.camera[number] for number in numbers.tolist()]
     for name in sorted(set(names)):
         camera = log.cameras[name]
-        total.update(f"{name} {camera.looks_at} {camera.lens} {camera.image_size}".encode())
+        total.update(f"{name} {camera.lens} {camera.image_size} {camera.ignore_px}".encode())
         for array in (camera.homography, camera.matrix, camera.distortion):
             total.update(b"none" if array is None else array.tobytes())
     for name, number in zip(names, numbers.tolist(), strict=True):
@@ -89,12 +87,12 @@ def load(key: str) -> Found | None:
     """Returns what is kept under a key; None where there is nothing, or nothing whole."""
     try:
         digest, content = (cache_folder() / key).read_bytes().split(b"\n", 1)
-        if digest.decode() != _sum(key, content):
-            return None
-        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-            parts = {name: arrays[name] for name in PARTS}
-    except (OSError, ValueError, KeyError, EOFError):
+    except (OSError, ValueError):
         return None
+    if digest != _sum(key, content).encode():
+        return None
+    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+        parts = {name: arrays[name] for name in PARTS}
     lines = DetectedLines(
         parts["z"],
         parts["cov"],
@@ -120,7 +118,7 @@ def keep(key: str, found: Found) -> None:
     content, folder = stream.getvalue(), cache_folder()
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
-        handle, beside = tempfile.mkstemp(prefix=".", dir=folder)
+        handle, beside = tempfile.mkstemp(prefix=".lines-", dir=folder)
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(_sum(key, content).encode() + b"\n" + content)
@@ -135,10 +133,9 @@ def _sum(key: str, content: bytes) -> str:
 
 
 def _shrink(folder: Path) -> None:
-    """Removes the oldest entries while there are more than `MOST_BYTES`."""
-    entries = sorted(
-        (entry.stat().st_mtime, entry.stat().st_size, entry) for entry in folder.iterdir()
-    )
+    """Removes the oldest entries while there are more than `MOST_BYTES`; never another file."""
+    files = (file for file in folder.iterdir() if ENTRY.fullmatch(file.name) and file.is_file())
+    entries = sorted((file.stat().st_mtime, file.stat().st_size, file) for file in files)
     total = sum(size for _, size, _ in entries)
     for _, size, entry in entries:
         if total <= MOST_BYTES:
@@ -149,8 +146,8 @@ def _shrink(folder: Path) -> None:
 
 @lru_cache(maxsize=1)
 def _code() -> str:
-    """Returns the versions of OpenCV and NumPy, and the hash of the code that finds lines."""
+    """Returns the hash of the code that finds lines, and of the versions of what it calls."""
     total = hashlib.sha256(f"{cv2.__version__} {np.__version__} {version('numba')}".encode())
-    for name in CODE:
-        total.update((Path(__file__).parent / f"{name}.py").read_bytes())
+    for file in (*sorted(Path(__file__).parent.glob("*.py")), Path(geometry.__file__)):
+        total.update(file.read_bytes())
     return total.hexdigest()

@@ -23,6 +23,24 @@ FARTHEST_M = 3.0  # floor beyond this is not drawn, m ahead or aside
 QUALITY = 90
 
 
+def check_overlays(log: Log, out: Path) -> None:
+    """Raises BadConfig where no images were searched, or the folder for pictures holds something.
+
+    Args:
+        log: to draw lines on.
+        out: folder to write to; it may be absent.
+    """
+    if log.sightings is not None:
+        raise BadConfig(
+            f"{log.name}: its lines are those of sightings.csv, not of its images, so there is "
+            "nothing to draw; leave --overlay out, or sightings.csv"
+        )
+    if not len(log.floor_images()):
+        raise BadConfig(f"{log.name}: has no floor images to draw lines on; leave --overlay out")
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise BadConfig(f"{out}: is not an empty folder; choose another for the pictures")
+
+
 def write_overlays(
     log: Log,
     measurements: Measurements,
@@ -41,13 +59,11 @@ def write_overlays(
         progress: called with (pictures done, pictures in all).
 
     Raises:
-        BadConfig: the log has no images, or the folder holds something.
+        BadConfig: as `check_overlays`.
     """
-    if log.images is None or "line" not in measurements.sightings:
-        raise BadConfig(f"{log.name}: has no images, so there is nothing to draw lines on")
+    check_overlays(log, out)
+    assert log.images is not None, "checked above"
     out.mkdir(parents=True, exist_ok=True)
-    if any(out.iterdir()):
-        raise BadConfig(f"{out}: is not empty; choose another folder for the pictures")
     table = measurements.sightings["line"]
     numbers = log.floor_images()
     numbers = numbers[np.isin(log.images.t[numbers], measurements.t)]

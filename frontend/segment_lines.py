@@ -35,7 +35,7 @@ def segment_lines(grey: NDArray[np.uint8], camera: Camera, config: DetectorConfi
     """Returns the lines of an image (H, W); as `frontend.lines.detect_lines`."""
     find = lsd_segments if config.method == "lsd" else hough_segments
     segments = find(grey, config)
-    region = region_of(camera, config.coarsest_pixel_m, config.ignore_px)
+    region = region_of(camera, config.coarsest_pixel_m)
     fits, counts, placed, alone = _lines_of_segments(
         region.sight(grey),
         region.box,

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
+from frontend.ignored import ignored_image
 from frontend.profiles import Sight
 from graphslam.geometry import Array
-
-Rectangle = tuple[float, float, float, float]
 
 LENS_STEP = 4.0  # undistorted pixels from node to node of the lens grid
 MOST_LENS_NODES = 1024  # along each side; the view of an extreme fisheye gets a coarser grid
@@ -52,14 +51,13 @@ class Region:
 
 
 @lru_cache(maxsize=32)
-def region_of(camera: Camera, coarsest_pixel_m: float, ignore_px: tuple[Rectangle, ...]) -> Region:
+def region_of(camera: Camera, coarsest_pixel_m: float) -> Region:
     """Returns what of a camera's images is looked at.
 
     Args:
-        camera: looks at the floor.
+        camera: looks at the floor, but where its ``ignore_px`` says.
         coarsest_pixel_m: pixels that cover more floor than this are not looked at: they are next to
             the horizon, m.
-        ignore_px: rectangles (u, v of two corners) of recorded pixels that show the robot itself.
     """
     width, height = camera.image_size
     raw = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(float)
@@ -70,10 +68,7 @@ def region_of(camera: Camera, coarsest_pixel_m: float, ignore_px: tuple[Rectangl
     ]
     # a lens model used beyond its range throws pixels far out
     sane = np.abs(pixels).max(axis=-1) < 8.0 * max(camera.image_size)
-    usable = sane & (np.max(coarse, axis=0) < coarsest_pixel_m)
-    for u_0, v_0, u_1, v_1 in ignore_px:
-        inside = (raw >= (min(u_0, u_1), min(v_0, v_1))) & (raw <= (max(u_0, u_1), max(v_0, v_1)))
-        usable &= ~inside.all(axis=-1)
+    usable = sane & (np.max(coarse, axis=0) < coarsest_pixel_m) & ~ignored_image(camera)
     seen = pixels[usable] if usable.any() else np.zeros((1, 2))
     box = np.concatenate([seen.min(axis=0), seen.max(axis=0)])
     lens, lens_at = _lens_grid(camera, box)

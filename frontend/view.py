@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from frontend.camera import Camera
+from frontend.ignored import is_ignored
 from graphslam.geometry import Array
 
 GRID = 24  # pixels looked at along each side of the image
@@ -24,7 +25,8 @@ class View:
         across_m: longest straight stretch in view, m.
         pixel_m: floor that the middle of the usable part of the image covers with a pixel, m; NaN
             where nothing of it is usable.
-        usable: share of the image that shows floor finely enough for the detector.
+        usable: share of the image that shows floor finely enough for the detector, and not what
+            the camera ignores.
         horizon: share of the image that is above the horizon.
         mirrored: whether the homography mirrors the floor, as no camera above it does.
     """
@@ -51,11 +53,12 @@ def view_of(camera: Camera, coarsest_pixel_m: float) -> View:
     u, v = np.meshgrid(
         (np.arange(GRID) + 0.5) * width / GRID - 0.5, (np.arange(GRID) + 0.5) * height / GRID - 0.5
     )
-    pixels = camera.undistort(np.column_stack([u.ravel(), v.ravel()]))
+    raw = np.column_stack([u.ravel(), v.ravel()])
+    pixels = camera.undistort(raw)
     size = np.max(
         [camera.pixel_size(pixels, _normals(pixels, n)) for n in ([1, 0], [0, 1])], axis=0
     )
-    usable = size <= coarsest_pixel_m
+    usable = (size <= coarsest_pixel_m) & ~is_ignored(camera, raw)
     corners = camera.view()
     gaps = corners[:, None] - corners[None]
     return View(

@@ -143,6 +143,8 @@ def description(log: Log) -> list[str]:
                 lines.append(f"{key} = {toml(array)}")
         if camera.lens != "plain":
             lines.append(f'lens = "{camera.lens}"')
+        if camera.ignore_px:
+            lines.append(f"ignore_px = {[list(corners) for corners in camera.ignore_px]}")
     if log.start_given:
         pose, sigma = toml(log.start_pose), toml(log.start_sigma)
         lines += ["", "[start]", f"pose = {pose}", f"sigma = {sigma}"]

@@ -72,14 +72,21 @@ class CameraTable:
     matrix: Matrix3 | None = None
     distortion: tuple[float, ...] | None = None
     lens: str = "plain"
+    ignore_px: tuple[tuple[float, ...], ...] = ()
 
     def camera(self, name: str) -> Camera:
         """Returns the camera; raises BadConfig where its numbers make none."""
         matrix = None if self.matrix is None else np.array(self.matrix)
         distortion = None if self.distortion is None else np.array(self.distortion)
-        homography = np.array(self.homography)
         return Camera(
-            name, self.looks_at, self.image_size, homography, matrix, distortion, self.lens
+            name,
+            self.looks_at,
+            self.image_size,
+            np.array(self.homography),
+            matrix,
+            distortion,
+            self.lens,
+            self.ignore_px,
         )
 
 

@@ -144,8 +144,11 @@ class Scenario:
     def digest(self) -> str:
         """Returns the SHA-256 of all that the scenario says, hexadecimal."""
         said = asdict(self)
-        if self.mess is None:  # came later: the digests of floors without it stay what they were
+        # these came later: the digests of scenarios without them stay what they were
+        if self.mess is None:
             del said["mess"]
         if self.sightings.factor == 1.0:
             del said["sightings"]["factor"]
+        if self.camera is not None and self.camera.lens == "plain":
+            del said["camera"]["lens"]
         return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()

@@ -28,6 +28,7 @@ class CameraSpec:
             pixels of 640x480.
         matrix: (3, 3) camera matrix, pixels; only with distortion.
         distortion: OpenCV coefficients; only with homography and matrix.
+        lens: "plain" or "fisheye": which of OpenCV's models they belong to, default plain.
         noise: standard deviation of a pixel, grey levels, default 3.
         blur: standard deviation of the lens's blur of the lines, pixels, default 0.7; below 0.5
             lines thinner than a pixel flicker, as without a lens.
@@ -43,6 +44,7 @@ class CameraSpec:
     printed: Literal["santana-loc"] | None = None
     matrix: Matrix | None = None
     distortion: tuple[float, ...] | None = None
+    lens: Literal["plain", "fisheye"] = "plain"
     noise: float = 3.0
     blur: float = 0.7
     jpeg_quality: int = 90
@@ -101,8 +103,8 @@ class SightingSpec:
     """Lines as they are seen where no images are rendered.
 
     Attributes:
-        sigma_rho: stated standard deviation of rho, m; None: the detector's formula.
-        sigma_alpha_deg: stated standard deviation of alpha, degrees; None: the detector's.
+        sigma_rho: stated standard deviation of rho, m; None: SantanaLoc's formula.
+        sigma_alpha_deg: stated standard deviation of alpha, degrees; None: 0.5.
         factor: on the stated standard deviations of both, default 1.
         scale: standard deviation of the noise that is drawn, as a multiple of the stated one,
             default 1.

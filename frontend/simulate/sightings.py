@@ -89,8 +89,9 @@ def draw_sightings(scenario: Scenario, run: Drive, seed: np.random.SeedSequence)
 def stated_covariance(spec: SightingSpec, z: Array) -> Array:
     """Returns the covariances (K, 2, 2) that are written beside sightings of lines (K, 2).
 
-    The detector's own formula at its defaults, or the constants of ``[sightings]``, times its
-    ``factor``; both diagonal.
+    SantanaLoc's formula at its defaults, or the constants of ``[sightings]``, times its ``factor``;
+    both diagonal. It is the law of the studies, and coarser than what the default detector states
+    of rendered images.
     """
     cov = line_covariance(z, DetectorConfig())
     if spec.sigma_rho is not None:

@@ -29,7 +29,7 @@ def camera_of(spec: CameraSpec) -> Camera:
         homography = np.array(spec.homography)
     matrix = None if spec.matrix is None else np.array(spec.matrix)
     distortion = None if spec.distortion is None else np.array(spec.distortion)
-    return Camera("floor", "floor", spec.image_size, homography, matrix, distortion)
+    return Camera("floor", "floor", spec.image_size, homography, matrix, distortion, spec.lens)
 
 
 def homography_of_view(image_size: tuple[int, int], width: float, near: float, far: float) -> Array:

@@ -33,6 +33,12 @@ DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "errors.md"
 PNG = cv2.imencode(".png", np.full((24, 32), 120, np.uint8))[1].tobytes()
 SMALL = cv2.imencode(".png", np.full((8, 8), 120, np.uint8))[1].tobytes()
 HEAD = 'format = "graphslam-log/1"\n'
+FISHEYE = """
+lens = "fisheye"
+matrix = [[20.0, 0.0, 15.5], [0.0, 20.0, 11.5], [0.0, 0.0, 1.0]]
+distortion = [0.1, 0.0, 0.0, 0.0, 0.0]
+"""
+EXTRACT = ("extract", "LOG", "--out", "OUT")
 SIGHTINGS = "t,rho,alpha\n0,1,0.3\n1,1,0.3\n1,1,1.9\n"
 
 
@@ -144,6 +150,13 @@ ERRORS = [
         ("[camera]",),
         homography("[[1, 0, 0], [2, 0, 0], [0, 0, 1]]"),
     ),
+    Case("lens = <text>", ("[camera]", "'wide'"), images(camera=CAMERA + 'lens = "wide"\n')),
+    Case("fisheye model takes 4", ("has 5 coefficients",), images(camera=CAMERA + FISHEYE)),
+    Case(
+        "ignore_px has a part",
+        ("[camera]", "[0.0, 0.0, 9.0]"),
+        images(camera=CAMERA + "ignore_px = [[0, 0, 9]]\n"),
+    ),
     Case(
         "puts the horizon into the middle",
         ("[camera]",),
@@ -239,6 +252,20 @@ ERRORS = [
         {},
         ("simulate", "sample", "--out", "OUT"),
         lambda folder: write_file(folder / "out" / "precious.txt"),
+    ),
+    Case(
+        "is not an empty folder",
+        ("pictures",),
+        images(),
+        (*EXTRACT, "--overlay", "DIR/pictures"),
+        lambda folder: write_file(folder / "pictures" / "precious.txt"),
+    ),
+    Case("has no floor images to draw", (), {}, (*EXTRACT, "--overlay", "DIR/pictures")),
+    Case(
+        "its lines are those of sightings.csv",
+        (),
+        images(sightings_csv=SIGHTINGS),
+        (*EXTRACT, "--overlay", "DIR/pictures"),
     ),
 ]
 

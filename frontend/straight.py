@@ -55,13 +55,20 @@ def fit_straight(blocks, count, weight):  # type: ignore[no-untyped-def]
     along, across = blocks[:count, ALONG], blocks[:count, ACROSS]
     a = b = 0.0
     residual = np.empty(count)
-    # a first direction that a third of strays cannot turn: medians of the two ends' thirds
+    # a first direction that no third of strays can turn: through the medians of two of the three
+    # thirds, whichever two leave the smallest residuals
     third = max(count // 3, 1)
-    s_0, s_1 = median_of(along[:third]), median_of(along[count - third :])
-    d_0, d_1 = median_of(across[:third]), median_of(across[count - third :])
-    if s_1 > s_0:
-        b = (d_1 - d_0) / (s_1 - s_0)
-        a = median_of(across - b * along)
+    least = math.inf
+    for first, second in ((0, count - third), (0, third), (third, count - third)):
+        s_0, s_1 = median_of(along[first : first + third]), median_of(along[second:][:third])
+        d_0, d_1 = median_of(across[first : first + third]), median_of(across[second:][:third])
+        if s_1 <= s_0:
+            continue
+        slope = (d_1 - d_0) / (s_1 - s_0)
+        offset = median_of(across - slope * along)
+        size = median_of(np.abs(across - offset - slope * along))
+        if size < least:
+            least, a, b = size, offset, slope
     for _ in range(5):
         for k in range(count):
             residual[k] = abs(across[k] - a - b * along[k])

@@ -26,18 +26,19 @@ from frontend.image_lines import lines_in_images
 from frontend.images import read_grey
 from frontend.lines import detect_lines
 from frontend.log import Log, open_log
+from frontend.segments import grey_noise, lsd_quant
 from frontend.simulate.view import camera_of
 
 METHODS = ("lsd", "hough-p")
 
 
-def bare(method: str, grey: np.ndarray, config: DetectorConfig) -> None:
-    """Calls OpenCV alone, with the arguments that the detector of that name gives it."""
+def bare(method: str, grey: np.ndarray, config: DetectorConfig, quant: float) -> None:
+    """Calls OpenCV alone; lsd with the very arguments that ours gives it in such images."""
     if max(grey.shape) > 500:
         size = (grey.shape[1] // 2, grey.shape[0] // 2)
         grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
     if method == "lsd":
-        cv2.createLineSegmentDetector(cv2.LSD_REFINE_NONE).detect(grey)
+        cv2.createLineSegmentDetector(cv2.LSD_REFINE_NONE, quant=quant).detect(grey)
         return
     smooth = cv2.GaussianBlur(grey, (0, 0), config.smoothing_px)
     edges = cv2.Canny(smooth, 10.0, 20.0, L2gradient=True)
@@ -77,10 +78,13 @@ def ratios(log: Log, method: str, rounds: int) -> list[str]:
     cameras = [log.cameras[name] for name in log.images.camera]
     greys = [read_grey(file) for file in files]
     assert all(grey is not None for grey in greys)
+    size = (greys[0].shape[1] // 2, greys[0].shape[0] // 2)
+    searched = cv2.resize(greys[0], size, interpolation=cv2.INTER_AREA)
+    quant = lsd_quant(grey_noise(searched if max(greys[0].shape) > 500 else greys[0]), config)
     detect_lines(greys[0], cameras[0], config)
     work: dict[str, Callable[[], object]] = {
         "decode": lambda: [cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) for file in files],
-        "bare": lambda: [bare(method, grey, config) for grey in greys],
+        "bare": lambda: [bare(method, grey, config, quant) for grey in greys],
         "ours": lambda: [detect_lines(g, c, config) for g, c in zip(greys, cameras, strict=True)],
         "both": lambda: [
             detect_lines(read_grey(f), c, config) for f, c in zip(files, cameras, strict=True)

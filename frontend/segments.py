@@ -34,14 +34,21 @@ def lsd_segments(grey: NDArray[np.uint8], config: DetectorConfig) -> Array:
     if noise > NOISY:  # LSD needs directions of gradients from pixel to pixel
         grey = np.asarray(cv2.GaussianBlur(grey, (0, 0), config.smoothing_px), np.uint8)
         noise = grey_noise(grey)
-    least = max(config.edge_over_noise[0] * noise, 0.5 * config.edge_min_grey)
-    quant = least * np.sin(np.radians(LSD_ANGLE_DEG))
-    detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_NONE, quant=quant)
+    detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_NONE, quant=lsd_quant(noise, config))
     found = detector.detect(grey)[0]
     if found is None:
         return np.zeros((0, 2, 2))
     ends = np.asarray(found, float).reshape(-1, 2, 2)  # OpenCV 4 gives (N, 1, 4)
     return 2.0 * ends + 0.5 if half else ends
+
+
+def lsd_quant(noise: float, config: DetectorConfig) -> float:
+    """Returns OpenCV's ``quant`` for an image whose pixels have some noise, grey levels.
+
+    Gradients below ``quant / sin(LSD_ANGLE_DEG)`` are not looked at.
+    """
+    least = max(config.edge_over_noise[0] * noise, 0.5 * config.edge_min_grey)
+    return float(least * np.sin(np.radians(LSD_ANGLE_DEG)))
 
 
 def grey_noise(grey: NDArray[np.uint8]) -> float:

@@ -152,6 +152,7 @@ def description(log: Log) -> list[str]:
 
 
 def toml(value: float | Sequence[float] | Array) -> str:
+    """Returns a number, or numbers in any nesting, as TOML has them."""
     if np.ndim(value) == 0:
         return repr(float(value))  # type: ignore[arg-type]
     return f"[{', '.join(toml(v) for v in value)}]"  # type: ignore[union-attr]

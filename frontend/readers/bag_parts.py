@@ -166,7 +166,8 @@ def _lz4(data: bytes, most: int) -> bytes:
     return bytes(LZ4FrameDecompressor().decompress(data, most))
 
 
-def _zstd(data: bytes, most: int) -> bytes:
+def unzstd(data: bytes, most: int) -> bytes:
+    """Returns what zstd packed, at most so many bytes; raises Broken where it is damaged."""
     import sys
 
     if sys.version_info >= (3, 14):
@@ -180,7 +181,7 @@ def _zstd(data: bytes, most: int) -> bytes:
     return content
 
 
-_DECOMPRESSORS = {"bz2": _bz2, "lz4": _lz4, "zstd": _zstd}
+_DECOMPRESSORS = {"bz2": _bz2, "lz4": _lz4, "zstd": unzstd}
 
 
 def unpack(layout: struct.Struct, data: bytes | memoryview, offset: int = 0) -> tuple[int, ...]:

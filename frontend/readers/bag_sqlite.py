@@ -15,6 +15,7 @@ from frontend.readers.bag_parts import (
     Message,
     Place,
     Progress,
+    unzstd,
 )
 from frontend.readers.bag_types import normal_type
 
@@ -109,9 +110,7 @@ class SqliteFile:
     def _plain(self, data: bytes) -> bytes:
         if not self._compressed:
             return data
-        from frontend.readers.bag_parts import _zstd
-
-        content = _zstd(data, LARGEST_RECORD + 1)
+        content = unzstd(data, LARGEST_RECORD + 1)
         if len(content) > LARGEST_RECORD:
             raise Broken(f"a message has more than {LARGEST_RECORD} bytes")
         return content

@@ -54,6 +54,7 @@ def decode(kind: str, encoding: str, data: bytes | memoryview, definition: str =
         raise Undecodable(f"does not follow its type {kind}") from error
 
 
+@cache
 def differing_definition(kind: str, encoding: str, definition: str, md5: str) -> str:
     """Returns a definition where it is another than the standard one of its type, else nothing."""
     if encoding != "ros1" or not definition or not md5 or md5 == "*":

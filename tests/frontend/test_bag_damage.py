@@ -364,7 +364,7 @@ def test_bytes_flipped_anywhere_never_end_in_a_traceback(
         path = make(tmp_path / name)
         path = path / "x.db3" if path.is_dir() else path
         whole = path.read_bytes()
-        for _ in range(8):
+        for _ in range(5):
             data = bytearray(whole)
             for at in rng.integers(0, len(data), 30).tolist():
                 data[at] ^= int(rng.integers(1, 256))

@@ -88,7 +88,7 @@ def test_a_video_gives_the_same_estimates_to_its_codecs_loss(
     found = extract(log)
     assert np.array_equal(found.t, expected.t)
     ours, theirs = smooth(found, run_ekf(found)), smooth(expected, run_ekf(expected))
-    assert np.abs(ours.pose - theirs.pose)[:, :2].max() < 0.003
+    assert np.abs(ours.pose - theirs.pose)[:, :2].max() < 0.001
     assert abs(len(ours.map.params) - len(theirs.map.params)) <= 1
 
 

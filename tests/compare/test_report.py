@@ -17,8 +17,9 @@ import numpy as np
 import pytest
 
 from compare.config import RunConfig
+from compare.pages import source
 from compare.plots_sightings import matches_per_line
-from compare.plots_style import MOST_POINTS, stride, style
+from compare.plots_style import METHOD_COLOURS, MOST_POINTS, stride, style
 from compare.record import Record
 from compare.report import rebuild_report, write_report
 from compare.report_quality import lines_per_node, worst_residuals
@@ -367,3 +368,10 @@ def test_an_estimate_of_another_run_is_noticed(tmp_path: Path) -> None:
     (one / "ekf" / "estimate.npz").write_bytes((other / "ekf" / "estimate.npz").read_bytes())
     with pytest.raises(BadMeasurements, match="not of one run"):
         Record.load(one)
+
+
+def test_every_method_with_a_colour_has_it_on_light_dark_and_printed_pages() -> None:
+    style = source("page.html")
+    for method, colour in METHOD_COLOURS.items():
+        assert style.count(f"--{method}: {colour};") == 2, method
+        assert style.count(f"--{method}: ") == 3, method

@@ -28,6 +28,7 @@ from compare.commands.config import Config
 from compare.commands.export import Export
 from compare.commands.inspect import Inspect
 from compare.commands.merge import Merge
+from compare.commands.papers import Papers
 from compare.commands.report import Report
 from compare.commands.run import Extract, Run
 from compare.commands.simulate import Simulate
@@ -113,6 +114,7 @@ def parse(arguments: Sequence[str]) -> Command:
         | Annotated[Calibrate, subcommand("calibrate")]
         | Annotated[Compare, subcommand("compare")]
         | Annotated[Merge, subcommand("merge")]
+        | Annotated[Papers, subcommand("papers")]
         | Annotated[Report, subcommand("report")]
         | Annotated[Export, subcommand("export")]
         | Annotated[Config, subcommand("config")]

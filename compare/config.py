@@ -16,10 +16,20 @@ from typing import Any, Literal
 
 from frontend.config import ExtractConfig
 from frontend.strict import from_dict, load_toml
-from graphslam.config import EkfConfig, IncrementalConfig, SmootherConfig
+from graphslam.config import EkfConfig, IncrementalConfig, ParticleConfig, SmootherConfig
 from graphslam.errors import BadConfig
 
-Method = Literal["odometry", "ekf", "ekf-fej", "ekf-robot", "isam2", "fixed-lag", "smoother"]
+Method = Literal[
+    "odometry",
+    "geometric",
+    "ekf",
+    "ekf-fej",
+    "ekf-robot",
+    "particle",
+    "isam2",
+    "fixed-lag",
+    "smoother",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +41,8 @@ class RunConfig:
     ekf-robot: the same with covariances that stay honest, by first-estimates Jacobians or by
     correcting what the robot sees. isam2: smoothing as the robot drives, causal. fixed-lag: the
     same, each pose told a few seconds late. smoother: the factor graph over the whole log, started
-    from the filter's result."""
+    from the filter's result. On a known map only: geometric, the pose from the lines by
+    trigonometry; particle, Monte Carlo localisation."""
     known_map: str | None = None
     """A map to localise on: a map.csv, or the result folder of one method. Its lines stay where
     they are; sightings of none of them are dropped and counted (see ekf.extend_map)."""
@@ -43,6 +54,8 @@ class RunConfig:
     """Full smoothing by a factor graph."""
     incremental: IncrementalConfig = field(default_factory=IncrementalConfig)
     """Smoothing as the robot drives, node by node (isam2, fixed-lag)."""
+    particle: ParticleConfig = field(default_factory=ParticleConfig)
+    """Monte Carlo localisation on a known map."""
 
     def __post_init__(self) -> None:
         if not self.methods:

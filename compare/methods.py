@@ -94,12 +94,37 @@ def _needs_gtsam(method: str) -> Iterator[None]:
         ) from missing
 
 
+def _geometric(measurements: Measurements, config: RunConfig, done: Estimates) -> Estimate:
+    from graphslam.geometric import geometric_correction
+
+    _check_map("geometric", measurements)
+    return geometric_correction(measurements, config.ekf)
+
+
+def _particle(measurements: Measurements, config: RunConfig, done: Estimates) -> Estimate:
+    from graphslam.particle import localise_by_particles
+
+    _check_map("particle", measurements)
+    return localise_by_particles(measurements, config.particle, config.ekf.matching)
+
+
+def _check_map(method: str, measurements: Measurements) -> None:
+    """Raises BadConfig where there is no map to localise on."""
+    if measurements.known is None or not len(measurements.known):
+        raise BadConfig(
+            f"the method {method} localises on a known map, and there is none: give one with "
+            "--known-map MAP, or leave the method out"
+        )
+
+
 METHODS: Mapping[str, Method] = MappingProxyType(
     {
         "odometry": Method(_odometry),
+        "geometric": Method(_geometric),
         "ekf": Method(_ekf, stepwise=True),
         "ekf-fej": Method(_ekf_fej),
         "ekf-robot": Method(_ekf_robot),
+        "particle": Method(_particle),
         "isam2": Method(_isam2, after=("ekf",), stepwise=True),
         "fixed-lag": Method(_fixed_lag, after=("ekf",), stepwise=True),
         "smoother": Method(_smoother, after=("ekf",)),

@@ -76,6 +76,8 @@ def variances(record: Record) -> Plot:
 def line_variance(record: Record) -> Plot | None:
     """Returns the variances of the most seen line over time, as the methods knew them.
 
+    None where no method estimates a line: lines of a known map have no variance.
+
     Source: SantanaSLAM Fig. 12.
     """
     t = record.measurements.t - record.measurements.t[0]

@@ -190,13 +190,8 @@ def _errata(papers: Papers) -> dict[str, Any] | None:
         "runs": papers.errata.runs,
         "rows": papers.errata.rows(),
         "texts": [
-            {
-                "name": cost.erratum.name,
-                "printed": cost.erratum.printed,
-                "right": cost.erratum.right,
-            }
-            | {"effect": cost.erratum.effect}
-            for cost in papers.errata.costs
+            (e.name, f"{e.paper} {e.where}", e.printed, e.right, e.effect)
+            for e in (cost.erratum for cost in papers.errata.costs)
         ],
     }
 

@@ -47,7 +47,8 @@ class Truth:
         t: (K,) times of the true path, s.
         pose: (K, 3) true poses, truth's frame, m and rad.
         truth_T_start: (3,) where the estimates' floor frame lies in the truth's when the true path
-            begins at the start pose; the identity without a true path.
+            begins at the start pose; the identity without a true path, and on a known map that is
+            the true one.
         line_id: (L,) identities of the true lines.
         lines: (L, 2) true lines, truth's frame, canonical.
         extent: (L, 2) stretch of each, m; NaN where unknown.
@@ -96,7 +97,8 @@ def truth_of(log: Log | None, measurements: Measurements) -> Truth:
     """Returns what is true about measurements.
 
     The first node that the true path covers is put where odometry takes the start pose, which is
-    the start pose itself where the path covers node 0.
+    the start pose itself where the path covers node 0. On a known map that is the true one the
+    estimates stand in the truth's frame already, wherever they take the start to be.
 
     Args:
         log: the recording, or None where only measurements are at hand.
@@ -110,7 +112,11 @@ def truth_of(log: Log | None, measurements: Measurements) -> Truth:
     return Truth(
         t=t,
         pose=pose,
-        truth_T_start=_start_in_truth(measurements, *_path_at(measurements.t, t, pose)),
+        truth_T_start=(
+            np.zeros(3)
+            if _on_true_map(measurements, lines)
+            else _start_in_truth(measurements, *_path_at(measurements.t, t, pose))
+        ),
         line_id=line_id,
         lines=lines,
         extent=extent,
@@ -163,6 +169,15 @@ def _start_in_truth(measurements: Measurements, at_nodes: Array, covered: BoolAr
     first = int(np.argmax(covered))
     driven = integrate(measurements.start_pose, measurements.odometry.increment[:first])
     return compose(at_nodes[first], inverse(driven[-1]))
+
+
+def _on_true_map(measurements: Measurements, lines: Array) -> bool:
+    """Returns whether the known map is the true one, so that its frame is the truth's."""
+    known = measurements.known
+    if known is None or not len(lines):
+        return False
+    given = known.of_kind(LINE.kind)[1]
+    return given.shape == lines.shape and bool(np.allclose(given, lines, rtol=0.0, atol=1e-9))
 
 
 def _labelled(log: Log | None) -> bool:

@@ -99,6 +99,12 @@ def extraction_warnings(log: Log, measurements: Measurements) -> tuple[str, ...]
             f"[start] counts as the pose at t = {used[0]:.12g} s, the first node used, "
             f"though the log begins at t = {first:.12g} s; write that pose into log.toml"
         )
+    if measurements.known is not None and not log.start_given:
+        found.append(
+            "the log does not say where on the known map it starts, so the robot is taken to start "
+            "at the map's origin, heading along x: write [start] into log.toml, or find it with "
+            "--methods particle --particle.start anywhere"
+        )
     if lines is not None and not len(lines):
         found.append(
             "no line was seen: only odometry (and pose fixes) remain to estimate from; look at "

@@ -330,7 +330,7 @@ def test_the_methods_of_the_configuration_are_those_there_are() -> None:
 def test_an_unknown_method_lists_the_known_ones() -> None:
     measurements, _ = drive(1, 5)
     config = RunConfig(methods=("ekf", "magic"))  # type: ignore[arg-type]
-    with pytest.raises(BadConfig, match=r"'magic'.*odometry, ekf, .*smoother"):
+    with pytest.raises(BadConfig, match=r"'magic'.*odometry, geometric, ekf, .*smoother"):
         run_methods(measurements, config, lambda name, work: work())
 
 

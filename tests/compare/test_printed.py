@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from pathlib import Path
 
@@ -84,6 +85,20 @@ def test_the_corrected_feature_map_is_off_by_26_mm_and_2_1_degrees() -> None:
     alpha = columns["corrected_alpha_deg"] - columns["actual_alpha_deg"]
     assert np.sqrt(np.mean(rho**2)) == pytest.approx(0.026, abs=5e-4)
     assert np.sqrt(np.mean(alpha**2)) == pytest.approx(2.1, abs=0.05)
+
+
+def test_no_rigid_motion_takes_the_calculated_feature_map_to_the_corrected() -> None:
+    """Whatever its start pose, and whichever of its two names each calculated line goes by."""
+    table = printed_paper("SantanaSLAM").tables["feature_map"]
+    rho, corrected = (np.array(table.column(f"{s}_rho_m")) for s in ("calculated", "corrected"))
+    alpha = np.radians(table.column("corrected_alpha_deg"))
+    normals = np.column_stack([np.cos(alpha), np.sin(alpha)])
+    worst = []
+    for names in itertools.product((1.0, -1.0), repeat=6):
+        off = corrected - np.array(names) * rho
+        shift = np.linalg.lstsq(normals, off, rcond=None)[0]
+        worst.append(np.abs(normals @ shift - off).max())
+    assert min(worst) > 0.2
 
 
 def test_shares_of_steps_add_up() -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from frontend.camera import Camera
 from frontend.simulate import Scenario, load_scenario, simulate_log
-from frontend.simulate.drive import Drive
+from frontend.simulate.drive import Drive, plan
 from frontend.simulate.printed_view import (
     PRINTED_A,
     PRINTED_IMAGE_SIZE,
@@ -18,9 +19,10 @@ from frontend.simulate.printed_view import (
 )
 from frontend.simulate.sensors import CameraSpec
 from frontend.simulate.view import camera_of
+from graphslam.baseline import integrate
 from graphslam.errors import BadConfig
 from graphslam.geometry import Array
-from graphslam.models.odometry import increments_from_wheels
+from graphslam.models.odometry import increments_from_wheels, wheel_increment
 from tests.frontend.test_simulate import drive_of
 
 FIRST, SECOND = "santana-loc-1", "santana-loc-2"
@@ -150,3 +152,14 @@ def test_experiment_2_shows_one_line_and_two_as_often_as_the_paper() -> None:
     assert one == pytest.approx(0.61, abs=0.04)
     assert two == pytest.approx(0.26, abs=0.04)
     assert one + two == pytest.approx(0.87, abs=0.02)
+
+
+def test_with_quarter_turns_of_one_sense_the_robot_ends_50_m_away() -> None:
+    """SantanaLoc gives no senses: with equal ones the last leg leads on instead of back."""
+    scenario = load_scenario(FIRST)
+    *first, sixth, last = scenario.path
+    same = replace(scenario, path=(*first, replace(sixth, turn_deg=90.0), last))
+    for driven, away in ((scenario, 0.0), (same, 50.0)):
+        moves = wheel_increment(np.diff(plan(driven)[1], axis=0), driven.robot)[0]
+        end = integrate(np.zeros(3), moves)[-1, :2]
+        assert np.hypot(*end) == pytest.approx(away, abs=1e-6)

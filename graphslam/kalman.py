@@ -1,16 +1,45 @@
 """The linear algebra of a growing Kalman filter: a pose, then landmarks, one joint covariance."""
 
+# mypy: disallow-untyped-decorators=False, disallow-untyped-calls=False
+
 from __future__ import annotations
 
 import math
 
 import numpy as np
+from numba import njit
 
 from graphslam.errors import UnderConstrained
 from graphslam.geometry import Array, wrap
 from graphslam.measurements import IntArray
 
 ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
+
+FEW = 4
+"""Products that one pass over the covariance takes away."""
+
+
+@njit(cache=True, fastmath={"contract"})
+def _subtract_products(P, W):  # type: ignore[no-untyped-def]
+    """Subtracts ``W' W`` from ``P`` (n, n) in place; W (r, n) has a multiple of `FEW` rows.
+
+    One pass over P takes `FEW` rows of W, two rows of P at a time: memory is what it waits for.
+    """
+    n = len(P)
+    for q in range(0, len(W), FEW):
+        w0, w1, w2, w3 = W[q], W[q + 1], W[q + 2], W[q + 3]
+        for i in range(0, n - 1, 2):
+            a, b = P[i], P[i + 1]
+            a0, a1, a2, a3 = w0[i], w1[i], w2[i], w3[i]
+            b0, b1, b2, b3 = w0[i + 1], w1[i + 1], w2[i + 1], w3[i + 1]
+            for j in range(n):
+                x0, x1, x2, x3 = w0[j], w1[j], w2[j], w3[j]
+                a[j] -= a0 * x0 + a1 * x1 + a2 * x2 + a3 * x3
+                b[j] -= b0 * x0 + b1 * x1 + b2 * x2 + b3 * x3
+        if n % 2:
+            i = n - 1
+            for j in range(n):
+                P[i, j] -= w0[i] * w0[j] + w1[i] * w1[j] + w2[i] * w2[j] + w3[i] * w3[j]
 
 
 class JointState:
@@ -98,7 +127,7 @@ class JointState:
         Source: SantanaSLAM eq. (3), with H at the predicted mean (eq. (6) prints the last mean).
         """
         count, d = innovation.shape
-        PHt, HPHt = self._project(J_pose, J_landmark, columns)
+        HP, HPHt = self._project(J_pose, J_landmark, columns)
         each = np.arange(count)
         HPHt[each, :, each, :] += cov
         own = HPHt[each, :, each, :]
@@ -112,11 +141,13 @@ class JointState:
                 "orders of magnitude than numbers hold; give a less uncertain start, or larger "
                 "sigmas to the sightings"
             ) from None
-        W, y = whiten @ PHt.reshape(self.size, -1).T, whiten @ innovation.ravel()
+        y = whiten @ innovation.ravel()
+        W = np.zeros((-(-count * d // FEW) * FEW, self.size))
+        W[: count * d] = whiten @ HP.reshape(count * d, self.size)
         self.log_likelihood += float(np.log(np.diag(whiten) / ROOT_TWO_PI).sum() - 0.5 * y @ y)
-        self.mean[:] += W.T @ y
+        self.mean[:] += y @ W[: count * d]
         self.mean[2] = wrap(self.mean[2])
-        self.P[:] -= W.T @ W
+        _subtract_products(self.P, W)
         return np.asarray(own)
 
     def joint_innovation_covariance(
@@ -137,12 +168,16 @@ class JointState:
         return np.asarray(HPHt.reshape(count * d, count * d))
 
     def _project(self, J_pose: Array, J_landmark: Array, columns: IntArray) -> tuple[Array, Array]:
-        """Returns P H' (n, p, d) and H P H' (p, d, p, d) of p stacked predictions."""
-        PHt = np.einsum("nj,kij->nki", self.P[:, :3], J_pose)
-        PHt += np.einsum("nkj,kij->nki", self.P[:, columns], J_landmark)
-        HPHt = np.einsum("kij,jlm->kilm", J_pose, PHt[:3])
-        HPHt += np.einsum("kij,kjlm->kilm", J_landmark, PHt[columns])
-        return PHt, HPHt
+        """Returns H P (p, d, n) and H P H' (p, d, p, d) of p stacked predictions.
+
+        H has few entries: only the rows of P are touched that belong to them.
+        """
+        HP = J_pose @ self.P[:3]
+        if columns.shape[1]:
+            HP += J_landmark @ self.P[columns]
+        HPHt = np.einsum("kij,plj->kipl", HP[:, :, :3], J_pose)
+        HPHt += np.einsum("kipj,plj->kipl", HP[:, :, columns], J_landmark)
+        return HP, HPHt
 
     def add(
         self, landmark: Array, J_pose: Array, noise: Array, columns: IntArray | slice = slice(3)

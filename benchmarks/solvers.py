@@ -178,8 +178,8 @@ PAGE = """# Performance of the chain solver
 Written by `python benchmarks/solvers.py` ({rounds} rounds, medians, solvers taking turns) on
 {machine}.
 Times are {clock}, of one thread, set-up and solve together; compiling and loading are left out for
-all. Memory is what the process grew by while solving. Machines differ: compare rows
-and columns of one run with each other.
+all. Memory is what the process grew by while solving. Machines differ, and this
+one was shared: compare rows and columns of one run with each other.
 
 The problem: a robot wanders through rooms with four floor lines each, two sightings a pose, rooms
 entered again and again; matches are known; the start is 5 cm, 0.6° off. All solvers

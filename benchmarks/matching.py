@@ -26,7 +26,7 @@ from matching_cases import (
     wheel_slip,
     wrong_matches,
 )
-from matching_loop import loop
+from matching_loop import closings, loop
 from matching_methods import METHODS
 from smoother_scaling import grid_laps
 
@@ -86,6 +86,8 @@ COLUMNS = (
     ("missed_lines", "lines missed", 1.0, np.mean),
     ("per_line", "map lines a true line", 1.0, np.mean),
     ("lost", "times lost", 1.0, np.mean),
+    ("joined", "lines joined over 150 m", 1.0, np.mean),
+    ("misjoined", "wrongly", 1.0, np.mean),
 )
 """Name of the figure, heading, factor, and how runs are summed up."""
 
@@ -100,8 +102,11 @@ def judge(case: Case, estimate: Estimate) -> dict[str, float]:
     right, wrong = int(table.correct.sum()), int(table.incorrect.sum())
     on_lines = len(found.lines.row) - found.spurious
     lost = [n for reason, n in estimate.counts.items() if reason.startswith("lost")]
+    joined, misjoined = closings(case, estimate)
     return {
         "rmse_m": path.rmse_m,
+        "joined": float(joined),
+        "misjoined": float(misjoined),
         "aligned_m": path.aligned_rmse_m,
         "map_m": found.rho_rmse_m,
         "wrong": wrong / (right + wrong),

@@ -12,6 +12,7 @@ from frontend.log import Wheels
 from frontend.simulate import load_scenario, simulate_log
 from frontend.simulate.floor import FloorLine
 from frontend.simulate.scenario import Motion, Scenario
+from graphslam.estimate import Estimate
 from graphslam.geometry import position_along
 
 DRIFT_DEG = 20.0
@@ -19,6 +20,9 @@ DRIFT_DEG = 20.0
 AFTER_M = 40.0
 """Way that is driven on after the loop has closed, m."""
 LOOP_M = 200.0
+EARLY_M, LATE_M = 150.0, 190.0
+"""Way before which, and after which, a sighting is of one or the other end of the loop, m."""
+LEAST_SIGHTINGS = 2
 PIECE_M, ASIDE_M = 0.3, 0.25
 """Half the length of the short lines along the corridor, and how far from its middle they lie."""
 TILT_DEG = 30.0
@@ -53,6 +57,25 @@ def loop(seed: int) -> Case:
     angle += turn[:, None] * [-1.0, 1.0]
     log = replace(log, wheels=Wheels(log.wheels.t, angle))
     return Case(log, extract(log))
+
+
+def closings(case: Case, estimate: Estimate) -> tuple[int, int]:
+    """Returns how many landmarks join what was seen before and after the loop: rightly, wrongly.
+
+    A landmark joins two lines wrongly where most of its sightings before are of another true line
+    than most of those after.
+    """
+    table = case.measurements.sightings["line"]
+    steps = np.hypot(*case.measurements.odometry.increment[:, :2].T)
+    way = np.concatenate([[0.0], np.cumsum(steps)])[table.node]
+    right = wrong = 0
+    for landmark in np.unique(estimate.match[estimate.match >= 0]):
+        own = (estimate.match == landmark) & (table.truth >= 0)
+        early, late = table.truth[own & (way < EARLY_M)], table.truth[own & (way > LATE_M)]
+        if min(len(early), len(late)) >= LEAST_SIGHTINGS:
+            same = np.bincount(early).argmax() == np.bincount(late).argmax()
+            right, wrong = right + bool(same), wrong + (not same)
+    return right, wrong
 
 
 def _with_marks(scenario: Scenario, rng: np.random.Generator) -> Scenario:

@@ -62,6 +62,7 @@ def verdict(comparison: Comparison) -> tuple[str, ...]:
         *(finding.sentence for finding in findings),
         *_best_possible(comparison),
         *_causality(pair),
+        *_causal_counterparts(methods, pair),
         *_agreements(comparison.agreement, pair),
         *_beaten_by_odometry(methods),
         *_line_counts(methods),
@@ -212,6 +213,19 @@ def _causality(pair: Pair | None) -> Iterator[str]:
             f"as a robot on its way must. That of {pair[1].method} uses the whole run and exists "
             "only afterwards. The last pose and the map use the whole run in both."
         )
+
+
+def _causal_counterparts(methods: Sequence[MethodMetrics], pair: Pair | None) -> Iterator[str]:
+    """Yields how the filter's path compares with others that use the same data at each time."""
+    if pair is None or pair[0].trajectory is None:
+        return
+    for m in methods:
+        if m.causal and m.sightings_used and m is not pair[0] and m.trajectory is not None:
+            theirs, ours = m.trajectory.rmse_m, pair[0].trajectory.rmse_m
+            yield (
+                f"With the data up to each time the path of {m.method} errs by {_metres(theirs)}, "
+                f"that of {pair[0].method} by {_metres(ours)} (RMS, from the common start)."
+            )
 
 
 def _agreements(entries: Sequence[Agreement], pair: Pair | None) -> Iterator[str]:

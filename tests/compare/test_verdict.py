@@ -273,3 +273,9 @@ def test_where_a_method_is_overconfident_is_told() -> None:
     ))  # fmt: skip
     text = sentence(with_method(JUDGED, bold), "ekf is overconfident")
     assert text == "ekf is overconfident by a factor 4 in heading after 3 m."
+
+
+def test_causal_paths_are_compared_with_each_other() -> None:
+    other = replace(JUDGED["ekf"], method="isam2")
+    both = replace(JUDGED, methods=(*JUDGED.methods, other))
+    assert sentence(both, "With the data up to each time the path of isam2", "that of ekf by")

@@ -82,7 +82,8 @@ def bound_at_truth(
     """
     pose, covered = truth.at(measurements.t)
     others = [k for k in measurements.sightings if MODELS[k].dim_landmark and k != LINE.kind]
-    if not covered.all() or others or not len(truth.lines):
+    given = set() if measurements.known is None else {*measurements.known.kind} - {LINE.kind}
+    if not covered.all() or others or given or not len(truth.lines):
         return None
     matches, names = true_matches(measurements, truth)
     if not (matches >= 0).any():

@@ -26,6 +26,7 @@ Method = Literal[
     "ekf-fej",
     "ekf-robot",
     "particle",
+    "triangulation",
     "isam2",
     "fixed-lag",
     "smoother",
@@ -42,7 +43,8 @@ class RunConfig:
     correcting what the robot sees. isam2: smoothing as the robot drives, causal. fixed-lag: the
     same, each pose told a few seconds late. smoother: the factor graph over the whole log, started
     from the filter's result. On a known map only: geometric, the pose from the lines by
-    trigonometry; particle, Monte Carlo localisation."""
+    trigonometry; particle, Monte Carlo localisation. On known points only: triangulation, each
+    pose from its own bearings, without memory."""
     known_map: str | None = None
     """A map to localise on: a map.csv, or the result folder of one method. Its lines stay where
     they are; sightings of none of them are dropped and counted (see ekf.extend_map)."""

@@ -9,7 +9,7 @@ from functools import partial
 from types import MappingProxyType
 
 from compare.config import RunConfig
-from graphslam.errors import BadConfig, GraphSlamError, UnderConstrained
+from graphslam.errors import BadConfig, BadMeasurements, GraphSlamError, UnderConstrained
 from graphslam.estimate import Estimate, Told
 from graphslam.measurements import Measurements
 
@@ -74,6 +74,15 @@ def _fixed_lag(
     return run_fixed_lag(measurements, done["ekf"], config.incremental, told)
 
 
+def _triangulation(measurements: Measurements, config: RunConfig, done: Estimates) -> Estimate:
+    from graphslam.memoryless import triangulate
+
+    try:
+        return triangulate(measurements, config.ekf)
+    except BadMeasurements as missing:
+        raise UnderConstrained(str(missing)) from None
+
+
 def _smoother(measurements: Measurements, config: RunConfig, done: Estimates) -> Estimate:
     with _needs_gtsam("smoother"):
         from graphslam.smoother import smooth
@@ -125,6 +134,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "ekf-fej": Method(_ekf_fej),
         "ekf-robot": Method(_ekf_robot),
         "particle": Method(_particle),
+        "triangulation": Method(_triangulation),
         "isam2": Method(_isam2, after=("ekf",), stepwise=True),
         "fixed-lag": Method(_fixed_lag, after=("ekf",), stepwise=True),
         "smoother": Method(_smoother, after=("ekf",)),

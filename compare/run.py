@@ -252,14 +252,17 @@ def run_opened(
 
 
 def on_known_map(measurements: Measurements, path: str | None) -> Measurements:
-    """Returns measurements with the landmarks of a map file as known ones.
+    """Returns measurements with the landmarks of a map file as known ones, beside the log's own.
 
     Raises:
         BadConfig: the file is no map.
     """
     if path is None:
         return measurements
-    return replace(measurements, known=read_map(path))
+    known = read_map(path)
+    if measurements.known is not None:
+        known = known.joined(measurements.known)
+    return replace(measurements, known=known)
 
 
 def _attempt(

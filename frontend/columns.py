@@ -22,7 +22,8 @@ def freeze(instance: Any, **shapes: tuple[int, ...]) -> None:
 def read_only(
     label: str, value: Any, shape: tuple[int, ...], may_be_nan: bool = False
 ) -> NDArray[Any]:
-    array: NDArray[Any] = np.array(value, np.int64 if label.endswith(".truth") else float)
+    whole = label.endswith((".truth", ".label"))
+    array: NDArray[Any] = np.array(value, np.int64 if whole else float)
     if array.shape != shape:
         raise BadLog(f"{label} has shape {array.shape}; expected {shape}")
     if not may_be_nan and not np.isfinite(array).all():

@@ -35,6 +35,7 @@ UNREADABLE_CURE = {
 }
 LINE_OUTSIDE = "line outside the wheel record"
 FIX_OUTSIDE = "pose fix outside the wheel record"
+BEARING_OUTSIDE = "bearing outside the wheel record"
 
 ONE_DIRECTION = np.radians(5.0)  # lines within this angle of each other fix nothing along them
 
@@ -65,13 +66,18 @@ def extract(
     lines = _given_lines(log, nodes.of_lines, t, rejected)
     if lines is None:
         lines = _seen_lines(log, nodes, config, rejected, progress)
-    tables = (_with_noise(lines, config.noise), _pose_fixes(log, nodes.chosen, t, rejected))
+    tables = (
+        _with_noise(lines, config.noise),
+        _pose_fixes(log, nodes.chosen, t, rejected),
+        _bearings(log, nodes.chosen, t, rejected),
+    )
     return Measurements(
         t=t,
         start_pose=log.start_pose,
         start_cov=np.diag(np.maximum(log.start_sigma, KNOWN_SIGMA) ** 2),
         odometry=odometry_at(log, t, config.noise),
         sightings={table.kind: table for table in tables if table is not None},
+        known=log.landmarks,
         rejected={reason: count for reason, count in sorted(rejected.items()) if count},
     )
 
@@ -175,6 +181,22 @@ def _pose_fixes(log: Log, chosen: Array, t: Array, rejected: Counter[str]) -> Si
     return _table("pose_fix", node, given.z[rows], given.cov[rows], given.t_received[rows])
 
 
+def _bearings(log: Log, chosen: Array, t: Array, rejected: Counter[str]) -> Sightings | None:
+    given = log.bearings
+    if given is None:
+        return None
+    rows, node, rejected[BEARING_OUTSIDE] = _at_nodes(given.t, chosen, t)
+    return _table(
+        "bearing",
+        node,
+        wrap(given.z[rows]),
+        given.cov[rows],
+        given.t_received[rows],
+        truth=given.truth[rows],
+        label=given.label[rows],
+    )
+
+
 def _table(
     kind: str,
     node: IntArray,
@@ -185,6 +207,7 @@ def _table(
     quality: Array | None = None,
     source: IntArray | None = None,
     truth: IntArray | None = None,
+    label: IntArray | None = None,
 ) -> Sightings:
     """Returns a table of sightings with 'unknown' in the columns that are not given."""
     count = len(node)
@@ -199,6 +222,7 @@ def _table(
         np.full(count, np.nan) if quality is None else quality,
         none if source is None else source,
         none if truth is None else truth,
+        none if label is None else label,
     )
 
 

@@ -249,8 +249,17 @@ def _wheel_rate(log: Log) -> Array:
 
 
 def _sources(log: Log) -> Iterator[Source]:
-    names = ("wheels", "odometry", "images", "sightings", "pose_fixes", "scans", "truth")
-    parts = {log.labels[name]: getattr(log, name) for name in names}
+    names = (
+        "wheels",
+        "odometry",
+        "images",
+        "sightings",
+        "pose_fixes",
+        "bearings",
+        "scans",
+        "truth",
+    )
+    parts = {log.labels[name]: getattr(log, name) for name in (*names, "truth")}
     known = (log.wheels or log.odometry).t  # type: ignore[union-attr]
     for file, part in parts.items():
         if part is None or not len(part.t):
@@ -272,7 +281,8 @@ def _needs(log: Log) -> Iterator[Need]:
     images = log.images is not None and len(log.floor_images()) > 0
     given = log.sightings is not None and len(log.sightings.t) > 0
     fixes = log.pose_fixes is not None and len(log.pose_fixes.t) > 0
-    sensor = given or fixes or (images and log.sightings is None)
+    points = log.bearings is not None and len(log.bearings.t) > 0
+    sensor = given or fixes or points or (images and log.sightings is None)
     lines = () if sensor else ("images.csv with a [camera], sightings.csv or tags.csv",)
     path = () if log.truth is not None else ("groundtruth.tum",)
     lines_true = () if log.map is not None else ("map.csv",)

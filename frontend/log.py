@@ -133,6 +133,30 @@ class PoseFixes:
 
 
 @dataclass(frozen=True, slots=True)
+class BearingSightings:
+    """Directions of points that someone already measured.
+
+    Attributes:
+        t: (K,) times, s, not decreasing.
+        z: (K, 1) directions, rad, robot frame at t.
+        cov: (K, 1, 1) their variances, rad².
+        label: (K,) what the sensor tells points apart by (a colour), as a number; -1 for none.
+        truth: (K,) true landmark of each, -1 for none or unknown; for judging only.
+        t_received: (K,) when each became available, s, not before t.
+    """
+
+    t: Array
+    z: Array
+    cov: Array
+    label: IntArray
+    truth: IntArray
+    t_received: Array
+
+    def __post_init__(self) -> None:
+        freeze(self, t=(), z=(1,), cov=(1, 1), label=(), truth=(), t_received=())
+
+
+@dataclass(frozen=True, slots=True)
 class Log:
     """A recording, checked, whatever its format.
 
@@ -159,6 +183,8 @@ class Log:
             of a log folder, or a topic of a bag.
         described: what messages call the file that describes robot and cameras.
         offset_s: what was added to the times of images and sightings by `with_camera_offset`, s.
+        bearings: directions of points, or None.
+        landmarks: landmarks of any kind but lines that are known beforehand, or None.
     """
 
     name: str
@@ -181,6 +207,8 @@ class Log:
     labels: Mapping[str, str] = field(default_factory=dict)
     described: str = "log.toml"
     offset_s: float = 0.0
+    bearings: BearingSightings | None = None
+    landmarks: LandmarkMap | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", MappingProxyType(dict(self.cameras)))
@@ -214,6 +242,7 @@ FILES = {
     "images": "images.csv",
     "sightings": "sightings.csv",
     "pose_fixes": "tags.csv",
+    "bearings": "bearings.csv",
     "scans": "scans.npz",
     "truth": "groundtruth.tum",
     "map": "map.csv",

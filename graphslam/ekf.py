@@ -175,7 +175,8 @@ class Filter(Matcher):
         reason = "sighting without a true landmark" if known else "sighting between the gates"
         self.counts[reason] += int(np.sum(found == DROPPED))
         matched = int(self.roster.confirmed[found[found >= 0]].sum())
-        if self.measurements.known is None or self.config.extend_map:
+        given = self.measurements.known
+        if given is None or table.kind not in given.kind or self.config.extend_map:
             for i in np.flatnonzero(found == NEW):
                 found[i] = self.take_new(node, model, table, int(rows[i]), first)
         else:

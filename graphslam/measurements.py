@@ -120,7 +120,7 @@ class LandmarkMap:
     """Landmarks, one a row, whatever their kind.
 
     Attributes:
-        id: (M,) number or name of each landmark; in a known map the true identity.
+        id: (M,) number of each landmark, once for each kind; in a known map the true identity.
         kind: (M,) name of each landmark's model.
         params: (M, l) parameters, floor frame, padded with NaN to the longest kind (a line:
             rho m, alpha rad).
@@ -147,7 +147,7 @@ class LandmarkMap:
         _set(self, "sightings", frozen("map.sightings", self.sightings, (count,), int))
         if len(self.kind) != count:
             raise BadMeasurements(f"map.kind has {len(self.kind)} entries for {count} landmarks")
-        if len(np.unique(self.id)) != count:
+        if len(set(zip(self.kind, self.id.tolist(), strict=True))) != count:
             raise BadMeasurements("map.id names one landmark twice")
 
     def __len__(self) -> int:
@@ -157,6 +157,20 @@ class LandmarkMap:
         """Returns row numbers (m,) and parameters (m, l) of the landmarks of one kind."""
         rows = np.flatnonzero(np.array(self.kind, dtype=object) == kind)
         return rows, self.params[rows][:, : MODELS[kind].dim_landmark]
+
+    def joined(self, other: LandmarkMap) -> LandmarkMap:
+        """Returns the landmarks of both, those of ``other`` behind.
+
+        Raises:
+            BadMeasurements: both name one landmark of one kind.
+        """
+        width = max(self.params.shape[1], other.params.shape[1])
+        params = np.full((len(self) + len(other), width), np.nan)
+        params[: len(self), : self.params.shape[1]] = self.params
+        params[len(self) :, : other.params.shape[1]] = other.params
+        rest = ("id", "extent", "sightings", "label")
+        columns = {n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in rest}
+        return LandmarkMap(kind=self.kind + other.kind, params=params, **columns)
 
     def most_seen(self, kind: str) -> int | None:
         """Returns the row of the landmark of one kind with most sightings; None without any."""

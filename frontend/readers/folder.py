@@ -20,7 +20,7 @@ from graphslam.models.odometry import DifferentialDrive
 
 T = TypeVar("T")
 
-UNUSED = ("lamps.csv", "bearings.csv", "landmarks.csv")
+UNUSED = ("lamps.csv",)
 """Files of the format that this version does not read."""
 
 USED = (
@@ -30,6 +30,8 @@ USED = (
     "images.csv",
     "sightings.csv",
     "tags.csv",
+    "bearings.csv",
+    "landmarks.csv",
     "groundtruth.tum",
     "map.csv",
     "scans.npz",
@@ -55,6 +57,7 @@ def read_folder(folder: Path) -> Log:
     sightings = _optional(
         folder / "sightings.csv", lambda path: tables.read_sightings(path, landmarks)
     )
+    others = _optional(folder / "landmarks.csv", tables.read_landmarks)
     seen, notes = _images(folder, settings, settings_path)
     # images beside sightings only say when there were images: no camera has to be described
     names = {*cameras, *elsewhere} or ({DEFAULT_CAMERA} if sightings is not None else set())
@@ -77,6 +80,10 @@ def read_folder(folder: Path) -> Log:
         warnings=(),
         digest="",
         scans=_optional(folder / "scans.npz", read_scans),
+        bearings=_optional(
+            folder / "bearings.csv", lambda path: tables.read_bearings(path, others)
+        ),
+        landmarks=others,
     )
     warnings = (*notes, *_unused(folder, elsewhere), *_doubtful(log))
     log = replace(log, warnings=warnings, digest=_digest(log))
@@ -151,8 +158,12 @@ def _doubtful(log: Log) -> Iterator[str]:
             "scans.npz: scans are read, but no detector finds walls in them yet: they only say "
             "when there were scans"
         )
-    if not len(log.floor_images()) and log.sightings is None and log.pose_fixes is None:
-        yield "no floor images, sightings.csv or tags.csv: there is only odometry to estimate from"
+    given = (log.sightings, log.pose_fixes, log.bearings)
+    if not len(log.floor_images()) and all(part is None for part in given):
+        yield (
+            "no floor images, sightings.csv, bearings.csv or tags.csv: there is only odometry to "
+            "estimate from"
+        )
 
 
 def _digest(log: Log) -> str:

@@ -238,7 +238,12 @@ def test_the_digest_changes_with_what_is_used_and_with_nothing_else(tmp_path: Pa
 # ---- warnings ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["lamps_csv", "bearings_csv", "landmarks_csv"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "lamps_csv",
+    ],
+)
 def test_files_that_are_not_used_yet_give_one_warning_each(tmp_path: Path, name: str):
     folder = write_log(tmp_path, sightings_csv="t,rho,alpha\n0,1,1\n", **{name: b"\xff anything"})
     file = ".".join(name.rsplit("_", 1))
@@ -248,7 +253,7 @@ def test_files_that_are_not_used_yet_give_one_warning_each(tmp_path: Path, name:
 @pytest.mark.parametrize(
     ("files", "warning"),
     [
-        ({}, "no floor images, sightings.csv or tags.csv"),
+        ({}, "no floor images, sightings.csv, bearings.csv or tags.csv"),
         (
             {"odometry_csv": "t,x,y,theta\n0,0,0,0\n1,0,0,0\n"},
             "odometry.csv: not used, because wheels.csv is there",
@@ -624,3 +629,43 @@ def test_an_unknown_export_is_an_attribute_error():
     with pytest.raises(AttributeError, match="nothing_like_this"):
         _ = frontend.nothing_like_this
     assert "open_log" in dir(frontend)
+
+
+# ---- bearings and landmarks -------------------------------------------------------------------
+
+BEARINGS = "t,bearing,sigma,landmark,label\n0,1.5,0.01,0,7\n0,-1.5,0.01,1,-1\n1,9,0.02,-1,7\n"
+LANDMARKS = "landmark,kind,x,y,label\n0,bearing,0,0,7\n1,bearing,1,0,-1\n"
+
+
+def test_bearings_and_landmarks_become_sightings_of_known_points(tmp_path: Path):
+    log = open_log(write_log(tmp_path, bearings_csv=BEARINGS, landmarks_csv=LANDMARKS))
+    measurements = frontend.extract(log)
+    table = measurements.sightings["bearing"]
+    assert table.node.tolist() == [0, 0, 1]
+    np.testing.assert_allclose(table.z[:, 0], [1.5, -1.5, 9 - 2 * np.pi])
+    np.testing.assert_allclose(table.cov[:, 0, 0], [1e-4, 1e-4, 4e-4])
+    assert table.label.tolist() == [7, -1, 7]
+    assert table.truth.tolist() == [0, 1, -1]
+    assert measurements.known.kind == ("bearing", "bearing")
+    assert measurements.known.label.tolist() == [7, -1]
+
+
+@pytest.mark.parametrize(
+    ("files", "message"),
+    [
+        ({"bearings_csv": "t,bearing,sigma\n0,90,1\n"}, "csv:2: bearing = 90 is beyond two"),
+        ({"bearings_csv": "t,bearing,sigma\n0,1,0\n"}, "csv:2: sigma = 0 is not positive"),
+        (
+            {"bearings_csv": "t,bearing,sigma,landmark\n0,1,1,5\n", "landmarks_csv": LANDMARKS},
+            "csv:2: landmark = 5 is not in landmarks.csv",
+        ),
+        ({"landmarks_csv": "landmark,kind,x,y\n0,beering,1,1\n"}, "did you mean 'bearing'"),
+        (
+            {"landmarks_csv": "landmark,kind,x,y\n3,bearing,1,1\n3,bearing,2,1\n"},
+            "csv:3: landmark = 3 is there twice",
+        ),
+    ],
+)
+def test_bearings_and_landmarks_that_are_wrong_say_where(tmp_path: Path, files: dict, message: str):
+    with pytest.raises(BadLog, match=re.escape(message)):
+        open_log(write_log(tmp_path, **files))

@@ -73,7 +73,7 @@ def bound_of(
 
 
 def bound_at_truth(
-    measurements: Measurements, truth: Truth, engine: Engine = "gtsam"
+    measurements: Measurements, truth: Truth, engine: Engine = "auto"
 ) -> Estimate | None:
     """Returns the bound at the true path and lines, in the start's frame.
 

@@ -48,6 +48,7 @@ SHORT_FLAGS = {
         name="robot", prefix_name=False, metavar="FILE", help_behavior_hint=""
     ),
     (ExtractConfig, "every"): arg(name="every", prefix_name=False, metavar="N"),
+    (SmootherConfig, "check"): arg(name="check", prefix_name=False),
     (MatchingConfig, "method"): arg(name="matching", prefix_name=False),
     (SmootherConfig, "robust"): arg(name="robust", prefix_name=False),
     (SmootherConfig, "rematch"): arg(name="rematch", prefix_name=False),

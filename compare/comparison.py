@@ -82,6 +82,7 @@ class MethodMetrics:
         counts: what happened to sightings, by name.
         cost: half the sum of squared normalised residuals; NaN where there is none.
         iterations: of the optimiser.
+        engine: who minimised; empty for methods that have no choice of it.
         converged: whether the optimiser met its tolerance.
     """
 
@@ -102,6 +103,7 @@ class MethodMetrics:
     counts: Mapping[str, int] = field(default_factory=dict)
     cost: float = float("nan")
     iterations: int = 0
+    engine: str = ""
     converged: bool = True
     consistency: Consistency | None = None
     blind: Blind | None = None
@@ -166,7 +168,7 @@ def compare(
     log: Log | None,
     measurements: Measurements,
     estimates: Sequence[Estimate],
-    engine: Engine = "gtsam",
+    engine: Engine = "auto",
 ) -> Comparison:
     """Returns errors, consistency and agreement of estimates made from the same measurements.
 
@@ -247,6 +249,7 @@ def _judge(
         counts=estimate.counts,
         cost=estimate.cost,
         iterations=estimate.iterations,
+        engine=estimate.engine,
         converged=estimate.converged,
         blind=_blind(estimate, measurements, position),
     )

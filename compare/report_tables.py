@@ -198,6 +198,10 @@ def facts(record: Record) -> list[dict[str, str]]:
             for table in tables
         ),
         {"label": "Truth", "value": _truth(record)},
+        *(
+            {"label": f"Engine of the {name}", "value": engine}
+            for name, engine in record.info.get("engine", {}).items()
+        ),
         {"label": "Version", "value": str(record.info["versions"]["floorline-slam"])},
     ]
 

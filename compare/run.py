@@ -50,6 +50,7 @@ class RunResult:
         warnings: what is doubtful about the log, what could not be used of it, and which methods
             failed and why.
         failed: methods that were asked for and failed.
+        check: how far both of the smoother's engines agree, in words; None where not asked for.
     """
 
     folder: Path
@@ -59,6 +60,7 @@ class RunResult:
     comparison: Comparison | None
     warnings: tuple[str, ...]
     failed: tuple[str, ...] = ()
+    check: str | None = None
 
     def _repr_html_(self) -> str:
         """Returns what a notebook shows; see `compare.show`."""
@@ -232,6 +234,9 @@ def run_opened(
     frames = clock("thumbnails", lambda: take_frames(log, measurements, estimates))
     info = _info(log, measurements, config, estimates)
     info["failed"] = {name: str(error) for name, error in failed.items()}
+    info["engine"] = {name: e.engine for name, e in estimates.items() if e.engine}
+    if config.smoother.check and "smoother" in estimates:
+        info["check"] = clock("check", lambda: _check(measurements, estimates, config))
     info["warnings"] += [f"{name} failed: {error}" for name, error in failed.items()]
     record = Record(
         info,
@@ -248,7 +253,16 @@ def run_opened(
             clock("report", lambda: write_report(record, folder))
         write_json(folder / "timings.json", clock.timings())
     warnings = tuple(info["warnings"])
-    return RunResult(out, log, measurements, estimates, comparison, warnings, tuple(failed))
+    failures = tuple(failed)
+    check = info.get("check")
+    return RunResult(out, log, measurements, estimates, comparison, warnings, failures, check)
+
+
+def _check(measurements: Measurements, estimates: dict[str, Estimate], config: RunConfig) -> str:
+    """Returns in words how far the smoother's engines agree."""
+    from graphslam.smoother import engines_agree
+
+    return str(engines_agree(measurements, estimates["smoother"], config.smoother))
 
 
 def on_known_map(measurements: Measurements, path: str | None) -> Measurements:

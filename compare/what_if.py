@@ -104,7 +104,7 @@ def what_if(
     measurements: Measurements,
     estimate: Estimate,
     noise: NoiseConfig,
-    engine: Engine = "gtsam",
+    engine: Engine = "auto",
 ) -> WhatIf:
     """Returns the bound of a run at its truth, or at an estimate without one, and after changes.
 

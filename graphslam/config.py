@@ -9,7 +9,7 @@ from typing import Literal, get_args
 from graphslam.errors import BadConfig
 
 Matching = Literal["gated", "nearest", "jcbb", "known"]
-Engine = Literal["gtsam", "chain"]
+Engine = Literal["auto", "gtsam", "chain"]
 Robust = Literal["none", "huber", "cauchy", "gnc"]
 ParticleStart = Literal["given", "anywhere"]
 
@@ -141,9 +141,12 @@ class IncrementalConfig:
 class SmootherConfig:
     """Full smoothing by a factor graph."""
 
-    engine: Engine = "gtsam"
+    engine: Engine = "auto"
     """Who minimises. gtsam: custom factors in a GTSAM graph, the definition. chain: the same
-    problem by our own elimination of the chain of poses, many times faster."""
+    problem by our own elimination of the chain of poses, many times faster. auto: chain from 5,000
+    nodes on; below, gtsam is done before a first run has compiled the other."""
+    check: bool = False
+    """Minimise with the other engine, too, and say how far cost and covariances agree."""
     robust: Robust = "none"
     """Kernel on sightings. none: plain least squares. huber, cauchy: less weight to large
     residuals. gnc: truncated least squares by graduated non-convexity, which switches wrong

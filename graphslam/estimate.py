@@ -78,6 +78,7 @@ class Estimate:
             without one.
         iterations: of the optimiser; 0 for recursive methods.
         converged: whether the optimiser met its tolerance.
+        engine: who minimised; empty for methods that have no choice of it.
         unobserved: directions that the data does not fix.
         counts: what happened to sightings (rejected by reason, times lost, ...), by name.
         map_variance: (N, L) variances of all landmark parameters as they were known at each node,
@@ -99,6 +100,7 @@ class Estimate:
     cost: float = float("nan")
     iterations: int = 0
     converged: bool = True
+    engine: str = ""
     unobserved: tuple[Unobserved, ...] = ()
     counts: Mapping[str, int] = field(default_factory=dict)
     map_variance: Array | None = None
@@ -148,6 +150,7 @@ class Estimate:
             "cost": self.cost,
             "iterations": self.iterations,
             "converged": self.converged,
+            "engine": self.engine,
             "counts": dict(self.counts),
             "kinds": list(self.map.kind),
             "unobserved": [

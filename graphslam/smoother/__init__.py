@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from graphslam.smoother.agreement import EngineAgreement, engines_agree
 from graphslam.smoother.batch import smooth
 from graphslam.smoother.check import FactorCheck, check_factor
 from graphslam.smoother.factors import (
@@ -19,6 +20,7 @@ from graphslam.smoother.optimise import Solution, optimise
 from graphslam.smoother.problem import Minimum, Problem, state_problem
 
 __all__ = [
+    "EngineAgreement",
     "FactorCheck",
     "FactorGraph",
     "Minimum",
@@ -26,6 +28,7 @@ __all__ = [
     "Solution",
     "build_graph",
     "check_factor",
+    "engines_agree",
     "fixed_sighting_factor",
     "graph_of",
     "landmark_key",

@@ -18,6 +18,8 @@ from graphslam.smoother.problem import Minimum, Problem, state_problem
 from graphslam.smoother.robust import minimise_robustly
 
 ENGINES = {"gtsam": "graphslam.smoother.engine_gtsam", "chain": "graphslam.smoother.chain"}
+CHAIN_FROM = 5_000
+"""Nodes from which ``auto`` takes the chain engine: GTSAM then needs seconds, as compiling does."""
 SWITCHED_OFF = "sighting switched off by the robust kernel"
 
 SLIPPED = "increment of odometry switched off by the robust kernel"
@@ -65,8 +67,10 @@ def solve(problem: Problem, config: SmootherConfig) -> Estimate:
         UnderConstrained: the measurements do not determine every pose and landmark.
     """
     if config.robust == "none":
-        return finish(problem, minimise(problem, config))
-    return finish(*minimise_robustly(problem, config, minimise))
+        estimate = finish(problem, minimise(problem, config))
+    else:
+        estimate = finish(*minimise_robustly(problem, config, minimise))
+    return replace(estimate, engine=engine_for(problem, config.engine))
 
 
 def minimise(problem: Problem, config: SmootherConfig) -> Minimum:
@@ -75,14 +79,21 @@ def minimise(problem: Problem, config: SmootherConfig) -> Minimum:
     Raises:
         UnderConstrained: the measurements do not determine every pose and landmark.
     """
-    engine = import_module(ENGINES[config.engine])
+    engine = import_module(ENGINES[engine_for(problem, config.engine)])
     minimum: Minimum = engine.minimise(problem, config)
     return minimum
 
 
+def engine_for(problem: Problem, engine: Engine) -> Engine:
+    """Returns the engine that ``engine`` stands for on this problem: "gtsam" or "chain"."""
+    if engine != "auto":
+        return engine
+    return "chain" if len(problem.pose) >= CHAIN_FROM else "gtsam"
+
+
 def at_start(problem: Problem, engine: Engine) -> Minimum:
     """Returns the problem's start itself, for its covariances; nothing is minimised."""
-    point: Minimum = import_module(ENGINES[engine]).at_start(problem)
+    point: Minimum = import_module(ENGINES[engine_for(problem, engine)]).at_start(problem)
     return point
 
 

@@ -19,7 +19,7 @@ def cramer_rao(
     matches: IntArray,
     pose: Array,
     params: Array,
-    engine: Engine = "gtsam",
+    engine: Engine = "auto",
 ) -> Estimate:
     """Returns path and map as given, with the covariances that no estimator can undercut.
 

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from compare import run as run_module
+from compare.cli import main
 from compare.config import RunConfig
 from compare.run import RunResult, extract_log, run_log, run_logs
 from frontend.extract import extract
@@ -283,3 +284,16 @@ def test_methods_that_go_from_node_to_node_tell_how_long_a_node_took(tmp_path: P
     page = (result.folder / "report.html").read_text()
     block = page.split("<!-- timings -->")[1].split("<!-- /timings -->")[0]
     assert f"{latency['isam2']['median_ms']:.2f}" in block
+
+
+def test_check_holds_both_engines_against_each_other_and_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, out = write_tiny_log(tmp_path / "log", nodes=30), tmp_path / "out"
+    assert main(["run", str(log), "--check", "--out", str(out)]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "The engines gtsam and chain agree" in told
+    info = json.loads((out / "run.json").read_text())
+    assert info["engine"] == {"smoother": "gtsam"}
+    assert info["check"] in told
+    assert info["check"] in (out / "report.html").read_text()

@@ -9,12 +9,13 @@ import gtsam
 import numpy as np
 import pytest
 
-from graphslam.config import SmootherConfig
-from graphslam.errors import UnderConstrained
+from graphslam.config import Robust, SmootherConfig
+from graphslam.ekf import run_ekf
+from graphslam.errors import BadMeasurements, UnderConstrained
 from graphslam.geometry import rotate_covariance
 from graphslam.measurements import Measurements
 from graphslam.models import MODELS
-from graphslam.smoother import engine_gtsam
+from graphslam.smoother import engine_gtsam, engines_agree, smooth
 from graphslam.smoother.chain import minimise, started_along, symbolic
 from graphslam.smoother.factors import pose_key
 from graphslam.smoother.problem import Problem, state_problem
@@ -220,3 +221,33 @@ def test_a_start_found_along_the_chain_mends_odometry_that_turns_away(seed: int)
     assert minimise(problem, SmootherConfig()).cost > 2.0 * cost
     found = minimise(started_along(problem), SmootherConfig())
     assert found.cost == pytest.approx(cost, rel=1e-6)
+
+
+# ---- which engine ------------------------------------------------------------------------------
+
+
+def test_the_engine_follows_the_length_of_the_log_and_is_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    measurements, _ = drive(2, 60)
+    filtered = run_ekf(measurements)
+    assert smooth(measurements, filtered).engine == "gtsam"
+    monkeypatch.setattr("graphslam.smoother.batch.CHAIN_FROM", 60)
+    by_chain = smooth(measurements, filtered)
+    assert by_chain.engine == "chain"
+    assert smooth(measurements, filtered, SmootherConfig(engine="gtsam")).engine == "gtsam"
+
+
+@pytest.mark.parametrize("robust", ["none", "cauchy"])
+def test_engines_are_held_against_each_other_on_any_log(robust: Robust) -> None:
+    measurements, _ = drive(2, 60)
+    config = SmootherConfig(robust=robust)
+    estimate = smooth(measurements, run_ekf(measurements), config)
+    found = engines_agree(measurements, estimate, config)
+    assert (found.engine, found.other, found.agree) == ("gtsam", "chain", True)
+    assert "agree: cost to" in str(found)
+    wrong = replace(found, cost=1e-6)
+    assert not wrong.agree
+    assert "do NOT agree" in str(wrong)
+    with pytest.raises(BadMeasurements, match="ekf has no engine"):
+        engines_agree(measurements, run_ekf(measurements), config)

@@ -289,6 +289,10 @@ WARNINGS = [
     }),
     Case("sightings.csv: images are not searched", (), images(sightings_csv=SIGHTINGS)),
     Case("there is only odometry", (), {}),
+    Case("does not say where on the known map", (), {
+        "map_csv": "line,rho,alpha\n0,1,0\n1,1,1.6\n",
+        "sightings_csv": SIGHTINGS,
+    }, (*RUN, "--known-map", "LOG/map.csv")),
     Case("not all of the bag could be read", ("no index",), {}, BAG, half_a_bag),
 ]  # fmt: skip
 

@@ -11,7 +11,7 @@ from compare.sweep import setting_name, sweep_points
 from graphslam.config import EkfConfig
 from graphslam.errors import BadConfig
 
-BASE = replace(RunConfig(), ekf=EkfConfig(lost_after=7))
+BASE = replace(RunConfig(), ekf=EkfConfig(confirm_after=7))
 
 
 @pytest.mark.parametrize(
@@ -19,7 +19,7 @@ BASE = replace(RunConfig(), ekf=EkfConfig(lost_after=7))
     [
         ("ekf.matching.gate", "ekf.matching.gate"),
         ("ekf.gate", "ekf.matching.gate"),
-        ("lost_after", "ekf.lost_after"),
+        ("confirm_after", "ekf.confirm_after"),
         ("detector.polarity", "extract.detector.polarity"),
         ("methods", "methods"),
     ],
@@ -32,10 +32,10 @@ def test_part_of_a_name_means_the_only_setting_that_it_fits(text: str, name: str
     ("text", "message"),
     [
         ("ekf.gaet", "is not a known setting; did you mean ekf.matching.gate"),
-        ("lost_afer", "did you mean ekf.lost_after"),
+        ("confirm_afer", "did you mean ekf.confirm_after"),
         ("zzz", "is not a known setting; `graphslam config` prints them all"),
         ("ekf.matching", "is a table of settings; name one, such as ekf.matching.method"),
-        ("smoother.lost_after", "is not a known setting"),
+        ("smoother.confirm_after", "is not a known setting"),
         ("gate", "may mean ekf.matching.gate or .*; write one of them out"),
         ("matching.ekf.gate", "is not a known setting"),
     ],
@@ -48,7 +48,7 @@ def test_name_that_fits_no_setting_or_several_tells_what_is_near(text: str, mess
 def test_values_are_set_in_turn_and_all_else_is_kept() -> None:
     points = sweep_points(["ekf.gate=5,9.5,14"], BASE)
     assert [point.config.ekf.matching.gate for point in points] == [5.0, 9.5, 14.0]
-    assert {point.config.ekf.lost_after for point in points} == {7}
+    assert {point.config.ekf.confirm_after for point in points} == {7}
     assert [point.values for point in points] == [
         (("ekf.matching.gate", text),) for text in ("5", "9.5", "14")
     ]
@@ -57,9 +57,9 @@ def test_values_are_set_in_turn_and_all_else_is_kept() -> None:
 
 
 def test_several_settings_give_every_combination_the_last_changing_fastest() -> None:
-    points = sweep_points(["ekf.gate=5,9", "lost_after=0,3"], BASE)
-    found = [(point.config.ekf.matching.gate, point.config.ekf.lost_after) for point in points]
-    assert found == [(5.0, 0), (5.0, 3), (9.0, 0), (9.0, 3)]
+    points = sweep_points(["ekf.gate=5,9", "confirm_after=1,3"], BASE)
+    found = [(point.config.ekf.matching.gate, point.config.ekf.confirm_after) for point in points]
+    assert found == [(5.0, 1), (5.0, 3), (9.0, 1), (9.0, 3)]
     assert len({point.folder for point in points}) == 4
 
 
@@ -88,7 +88,7 @@ def test_one_value_written_twice_is_one_point() -> None:
         (["ekf.gate="], "write it like ekf.matching.gate=5,9,14"),
         (["ekf.gate=5,nine"], "ekf.matching.gate = 'nine' must be a number"),
         (["ekf.gate=5,-1"], "must be positive"),
-        (["lost_after=2.5"], "must be a whole number"),
+        (["confirm_after=2.5"], "must be a whole number"),
         (["ekf.gate=5", "matching.gate=9"], "is given twice"),
         (["known_map=a/b,a-b"], "would share the folder known_map=a-b"),
     ],

@@ -120,8 +120,9 @@ def _best_possible(comparison: Comparison) -> Iterator[str]:
     figures = {"path": bound.path_m, "last pose": bound.final_m, "map": bound.map_m}
     said = [f"the {name} to {_metres(v)}" for name, v in figures.items() if math.isfinite(v)]
     yield (
-        f"The best there is, on average over such runs: {_and(said)} (RMS, from the common start; "
-        "Cramér–Rao bound at the truth)."
+        "The best there is, on average over runs as noisy as the measurements' covariances say: "
+        f"{_and(said)} (RMS, from the common start; Cramér–Rao bound at the truth). Errors far "
+        "below it mean that those covariances are too large."
     )
 
 

@@ -153,9 +153,7 @@ def measure(nodes: int) -> tuple[float, float, float, float]:
 
 def main() -> None:
     lengths = [int(word) for word in sys.argv[1:]] or LENGTHS
-    print(
-        "| poses | custom line factors, ms | native point factors, ms | ratio | making the factors, ms |"
-    )
+    print("| poses | custom lines, ms | native points, ms | ratio | making the factors, ms |")
     print("|---:|---:|---:|---:|---:|")
     for nodes in lengths:
         ours, native, ratio, build = measure(nodes)

@@ -70,7 +70,7 @@ def test_errors_are_as_large_as_both_say_and_every_point_is_mapped_once(known: b
         assert sorted(mapped(smoothed)) == list(range(len(CONES)))
         figures.append([nees(filtered, truth), nees(smoothed, truth)])
     for mean in np.mean(figures, axis=0):
-        assert 0.6 < mean < 1.5  # 0.8 to 1.25 over 20 seeds: benchmarks/bearings.py
+        assert 0.6 < mean < 1.5
 
 
 def test_a_landmark_never_seen_from_aside_waits_to_the_end_and_is_counted() -> None:
@@ -120,7 +120,6 @@ def test_a_graph_starts_points_from_several_sightings() -> None:
 
 @pytest.mark.parametrize("engine", ["gtsam", "chain"])
 def test_lines_and_points_together_are_no_worse_than_either(engine: str) -> None:
-    """Means over more seeds, with lamps too: benchmarks/bearings.py."""
     lines, truth = drive(0, 120, reach=0.3)
     points, _ = bearing_drive(0, 120)
     tables = {"line": lines.sightings["line"], "bearing": points.sightings["bearing"]}

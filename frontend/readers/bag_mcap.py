@@ -5,12 +5,11 @@ from __future__ import annotations
 import re
 import struct
 import zlib
-from collections import OrderedDict
 from collections.abc import Iterator
 from pathlib import Path
-from threading import Lock
 from typing import BinaryIO
 
+from frontend.readers.bag_chunks import ChunkedFile
 from frontend.readers.bag_parts import (
     BLOCK,
     LARGEST_RECORD,
@@ -39,18 +38,16 @@ _HEAD = 9  # bytes of a record's op and length
 _CHUNK_LIKE = re.compile(
     rb"\x06.{4}\0{4}.{16}.{4}\0{4}.{4}(?:\0{4}|\x03\0{3}lz4|\x04\0{3}zstd)", re.DOTALL
 )
-_KEPT_CHUNKS = 4  # decompressed chunks at hand for reading single messages
 
 
-class McapFile:
+class McapFile(ChunkedFile):
     """One MCAP file."""
 
     def __init__(self, path: Path, number: int) -> None:
-        self.path, self._number = path, number
+        super().__init__(path, _content_at)
+        self._number = number
         self._schemas: dict[int, tuple[str, str]] = {}
         self._channels: dict[int, Channel] = {}
-        self._chunks: OrderedDict[int, bytes] = OrderedDict()
-        self._lock = Lock()
 
     def messages(self, losses: Losses, progress: Progress) -> Iterator[Message]:
         """Yields the messages in the file's order."""
@@ -74,28 +71,6 @@ class McapFile:
             if not whole:
                 losses.add("the file has no end: recording or copying was cut off", f"byte {size}")
         progress(size, size)
-
-    def read(self, place: Place) -> bytes:
-        """Returns a message's bytes."""
-        if place.chunk < 0:
-            with self.path.open("rb") as stream:
-                stream.seek(place.offset)
-                data = stream.read(place.size)
-        else:
-            data = self._chunk_at(place.chunk)[place.offset : place.offset + place.size]
-        if len(data) != place.size:
-            raise Broken("the file was changed since it was opened")
-        return data
-
-    def _chunk_at(self, at: int) -> bytes:
-        with self._lock:
-            if at not in self._chunks:
-                with self.path.open("rb") as stream:
-                    self._chunks[at] = _content_at(stream, at, self.path.stat().st_size)
-            self._chunks.move_to_end(at)
-            while len(self._chunks) > _KEPT_CHUNKS:
-                self._chunks.popitem(last=False)
-            return self._chunks[at]
 
     def _record(
         self, stream: BinaryIO, op: int, at: int, length: int, losses: Losses

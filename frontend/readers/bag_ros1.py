@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import struct
-from collections import OrderedDict
 from collections.abc import Iterator
 from pathlib import Path
-from threading import Lock
 from typing import BinaryIO
 
+from frontend.readers.bag_chunks import ChunkedFile
 from frontend.readers.bag_parts import (
     BLOCK,
     LARGEST_RECORD,
@@ -34,17 +33,15 @@ _U32 = struct.Struct("<I")
 _TIME = struct.Struct("<II")
 _CHUNK_OP = b"\x04\0\0\0op=\x05"
 _BEFORE_OP = 96  # bytes of a chunk's header that may stand before its op
-_KEPT_CHUNKS = 4
 
 
-class Ros1File:
+class Ros1File(ChunkedFile):
     """One ROS 1 bag."""
 
     def __init__(self, path: Path, number: int) -> None:
-        self.path, self._number = path, number
+        super().__init__(path, _content_at)
+        self._number = number
         self._channels: dict[int, Channel] = {}
-        self._chunks: OrderedDict[int, bytes] = OrderedDict()
-        self._lock = Lock()
 
     def messages(self, losses: Losses, progress: Progress) -> Iterator[Message]:
         """Yields the messages in the file's order."""
@@ -72,28 +69,6 @@ class Ros1File:
                 f"byte {size}",
             )
         progress(size, size)
-
-    def read(self, place: Place) -> bytes:
-        """Returns a message's bytes."""
-        if place.chunk < 0:
-            with self.path.open("rb") as stream:
-                stream.seek(place.offset)
-                data = stream.read(place.size)
-        else:
-            data = self._chunk_at(place.chunk)[place.offset : place.offset + place.size]
-        if len(data) != place.size:
-            raise Broken("the file was changed since it was opened")
-        return data
-
-    def _chunk_at(self, at: int) -> bytes:
-        with self._lock:
-            if at not in self._chunks:
-                with self.path.open("rb") as stream:
-                    self._chunks[at] = _content_at(stream, at, self.path.stat().st_size)
-            self._chunks.move_to_end(at)
-            while len(self._chunks) > _KEPT_CHUNKS:
-                self._chunks.popitem(last=False)
-            return self._chunks[at]
 
     def _top(
         self,

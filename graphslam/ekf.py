@@ -241,9 +241,13 @@ class Filter(Matcher):
         innovation = -e - J_p @ self.state.deviation(pose)
         innovation -= (J_l @ (current - params)[..., None])[..., 0]
         own = self.state.correct(innovation, J_p, J_l, columns, table.cov[rows])
-        self.match[first + rows] = landmarks
-        self.used[first + rows] = True
-        self.nis[first + rows] = mahalanobis(innovation, own)
+        self.note_used(first + rows, landmarks, mahalanobis(innovation, own))
+
+    def note_used(self, sightings: IntArray, landmarks: IntArray, nis: Array) -> None:
+        """Notes that sightings (k,), by number over all tables, have corrected the state."""
+        self.match[sightings] = landmarks
+        self.used[sightings] = True
+        self.nis[sightings] = nis
 
     def start_landmark(
         self, node: int, model: Model, table: Sightings, row: int, first: int
@@ -258,6 +262,10 @@ class Filter(Matcher):
             given = int(self.at.match[first + row])
             landmark, J_pose, J_z = self.start_at(node, model, z, given)
         offset = self.state.add(landmark, J_pose, J_z @ cov @ J_z.T)
+        return self.admit(table, row, first, offset, given)
+
+    def admit(self, table: Sightings, row: int, first: int, offset: int, given: int = -1) -> int:
+        """Enters a landmark that one sighting put at ``offset`` of the state; returns its row."""
         truth, label = int(table.truth[row]), int(table.label[row])
         added = self.roster.add(table.kind, offset, truth, given, label)
         self.match[first + row] = added

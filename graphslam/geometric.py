@@ -78,9 +78,7 @@ class GeometricFilter(Filter):
         each = gain.reshape(3, len(rows), 2).transpose(1, 0, 2)
         noise = np.sum(each @ cov @ np.swapaxes(each, 1, 2), axis=0)
         state.P[:] = kept @ state.P @ kept.T + noise
-        self.match[first + rows] = landmarks
-        self.used[first + rows] = True
-        self.nis[first + rows] = mahalanobis(e, own)
+        self.note_used(first + rows, landmarks, mahalanobis(e, own))
 
     def finish(self, pose: Array, cov: Array) -> Estimate:
         """Returns the filter's estimate under the name of this method."""

@@ -84,9 +84,7 @@ class FirstEstimates(Filter):
             return
         e, J_p, J_l, columns = self._measure(model, landmarks, table.z[rows])
         own = self.state.correct(-e, J_p, J_l, columns, table.cov[rows])
-        self.match[first + rows] = landmarks
-        self.used[first + rows] = True
-        self.nis[first + rows] = mahalanobis(e, own)
+        self.note_used(first + rows, landmarks, mahalanobis(e, own))
 
     def start_landmark(
         self, node: int, model: Model, table: Sightings, row: int, first: int
@@ -99,11 +97,8 @@ class FirstEstimates(Filter):
             return None
         estimate, J_pose, J_z = at_first
         offset = self.state.add(started[0], J_pose, J_z @ cov @ J_z.T)
-        added = self.roster.add(table.kind, offset, int(table.truth[row]))
         self.first.append(estimate)
-        self.match[first + row] = added
-        self.used[first + row] = True
-        return added
+        return self.admit(table, row, first, offset)
 
     def _measure(
         self, model: Model, landmarks: IntArray, z: Array

@@ -36,6 +36,7 @@ UNREADABLE_CURE = {
 LINE_OUTSIDE = "line outside the wheel record"
 FIX_OUTSIDE = "pose fix outside the wheel record"
 BEARING_OUTSIDE = "bearing outside the wheel record"
+LAMP_OUTSIDE = "lamp outside the wheel record"
 
 ONE_DIRECTION = np.radians(5.0)  # lines within this angle of each other fix nothing along them
 
@@ -70,6 +71,7 @@ def extract(
         _with_noise(lines, config.noise),
         _pose_fixes(log, nodes.chosen, t, rejected),
         _bearings(log, nodes.chosen, t, rejected),
+        _lamps(log, nodes.chosen, t, rejected),
     )
     return Measurements(
         t=t,
@@ -194,6 +196,21 @@ def _bearings(log: Log, chosen: Array, t: Array, rejected: Counter[str]) -> Sigh
         given.t_received[rows],
         truth=given.truth[rows],
         label=given.label[rows],
+    )
+
+
+def _lamps(log: Log, chosen: Array, t: Array, rejected: Counter[str]) -> Sightings | None:
+    given = log.lamps
+    if given is None:
+        return None
+    rows, node, rejected[LAMP_OUTSIDE] = _at_nodes(given.t, chosen, t)
+    return _table(
+        "lamp",
+        node,
+        given.z[rows],
+        given.cov[rows],
+        given.t_received[rows],
+        truth=given.truth[rows],
     )
 
 

@@ -256,6 +256,7 @@ def _sources(log: Log) -> Iterator[Source]:
         "sightings",
         "pose_fixes",
         "bearings",
+        "lamps",
         "scans",
         "truth",
     )
@@ -281,7 +282,7 @@ def _needs(log: Log) -> Iterator[Need]:
     images = log.images is not None and len(log.floor_images()) > 0
     given = log.sightings is not None and len(log.sightings.t) > 0
     fixes = log.pose_fixes is not None and len(log.pose_fixes.t) > 0
-    points = log.bearings is not None and len(log.bearings.t) > 0
+    points = any(part is not None and len(part.t) > 0 for part in (log.bearings, log.lamps))
     sensor = given or fixes or points or (images and log.sightings is None)
     lines = () if sensor else ("images.csv with a [camera], sightings.csv or tags.csv",)
     path = () if log.truth is not None else ("groundtruth.tum",)

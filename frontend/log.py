@@ -157,6 +157,28 @@ class BearingSightings:
 
 
 @dataclass(frozen=True, slots=True)
+class LampSightings:
+    """Lamps, or other marks with an axis, that someone already detected.
+
+    Attributes:
+        t: (K,) times, s, not decreasing.
+        z: (K, 3) place and axis ``(x, y, phi)``, m and rad, robot frame at t; phi modulo pi.
+        cov: (K, 3, 3) their covariances, robot frame.
+        truth: (K,) true landmark of each, -1 for none or unknown; for judging only.
+        t_received: (K,) when each became available, s, not before t.
+    """
+
+    t: Array
+    z: Array
+    cov: Array
+    truth: IntArray
+    t_received: Array
+
+    def __post_init__(self) -> None:
+        freeze(self, t=(), z=(3,), cov=(3, 3), truth=(), t_received=())
+
+
+@dataclass(frozen=True, slots=True)
 class Log:
     """A recording, checked, whatever its format.
 
@@ -184,6 +206,7 @@ class Log:
         described: what messages call the file that describes robot and cameras.
         offset_s: what was added to the times of images and sightings by `with_camera_offset`, s.
         bearings: directions of points, or None.
+        lamps: lamps already detected, or None.
         landmarks: landmarks of any kind but lines that are known beforehand, or None.
     """
 
@@ -208,6 +231,7 @@ class Log:
     described: str = "log.toml"
     offset_s: float = 0.0
     bearings: BearingSightings | None = None
+    lamps: LampSightings | None = None
     landmarks: LandmarkMap | None = None
 
     def __post_init__(self) -> None:
@@ -243,6 +267,7 @@ FILES = {
     "sightings": "sightings.csv",
     "pose_fixes": "tags.csv",
     "bearings": "bearings.csv",
+    "lamps": "lamps.csv",
     "scans": "scans.npz",
     "truth": "groundtruth.tum",
     "map": "map.csv",

@@ -77,7 +77,7 @@ def line_times(log: Log) -> tuple[Array, Array]:
     if log.sightings is not None:
         seen.append(log.sightings.t)
     main = np.unique(np.concatenate(seen))
-    parts = [part.t for part in (log.pose_fixes, log.bearings) if part is not None]
+    parts = [part.t for part in (log.pose_fixes, log.bearings, log.lamps) if part is not None]
     others = np.unique(np.concatenate([np.zeros(0), *parts]))
     if not len(main) and not len(others):
         main = odometry_times(log) if log.scans is None else np.unique(log.scans.t)

@@ -12,6 +12,7 @@ import numpy as np
 
 from frontend.log import DEFAULT_CAMERA, ImageList, Log, with_camera_offset
 from frontend.readers import folder_tables as tables
+from frontend.readers import point_tables as points
 from frontend.readers.log_toml import LogTable, RobotTable, floor_cameras, read_log_toml
 from frontend.readers.scans_npz import read_scans
 from frontend.readers.video import VideoImage, read_video
@@ -19,9 +20,6 @@ from graphslam.errors import BadConfig, BadLog
 from graphslam.models.odometry import DifferentialDrive
 
 T = TypeVar("T")
-
-UNUSED = ("lamps.csv",)
-"""Files of the format that this version does not read."""
 
 USED = (
     "log.toml",
@@ -31,6 +29,7 @@ USED = (
     "sightings.csv",
     "tags.csv",
     "bearings.csv",
+    "lamps.csv",
     "landmarks.csv",
     "groundtruth.tum",
     "map.csv",
@@ -57,7 +56,7 @@ def read_folder(folder: Path) -> Log:
     sightings = _optional(
         folder / "sightings.csv", lambda path: tables.read_sightings(path, landmarks)
     )
-    others = _optional(folder / "landmarks.csv", tables.read_landmarks)
+    others = _optional(folder / "landmarks.csv", points.read_landmarks)
     seen, notes = _images(folder, settings, settings_path)
     # images beside sightings only say when there were images: no camera has to be described
     names = {*cameras, *elsewhere} or ({DEFAULT_CAMERA} if sightings is not None else set())
@@ -81,11 +80,12 @@ def read_folder(folder: Path) -> Log:
         digest="",
         scans=_optional(folder / "scans.npz", read_scans),
         bearings=_optional(
-            folder / "bearings.csv", lambda path: tables.read_bearings(path, others)
+            folder / "bearings.csv", lambda path: points.read_bearings(path, others)
         ),
+        lamps=_optional(folder / "lamps.csv", lambda path: points.read_lamps(path, others)),
         landmarks=others,
     )
-    warnings = (*notes, *_unused(folder, elsewhere), *_doubtful(log))
+    warnings = (*notes, *_unused(elsewhere), *_doubtful(log))
     log = replace(log, warnings=warnings, digest=_digest(log))
     return replace(with_camera_offset(log, settings.time.camera_offset), offset_s=0.0)
 
@@ -136,12 +136,10 @@ def _robot(path: Path, table: RobotTable | None, has_wheels: bool) -> Differenti
         raise BadLog(f"{path}: [robot] {refused}") from None
 
 
-def _unused(folder: Path, elsewhere: list[str]) -> Iterator[str]:
+def _unused(elsewhere: list[str]) -> Iterator[str]:
     """Yields a warning for each part of the format that this version does not use."""
-    present = [name for name in UNUSED if _is_there(folder / name)]
-    present += [f"log.toml: camera {name!r}" for name in elsewhere]
-    for name in present:
-        yield f"{name}: present, not used by this version"
+    for name in elsewhere:
+        yield f"log.toml: camera {name!r}: present, not used by this version"
 
 
 def _doubtful(log: Log) -> Iterator[str]:
@@ -158,11 +156,11 @@ def _doubtful(log: Log) -> Iterator[str]:
             "scans.npz: scans are read, but no detector finds walls in them yet: they only say "
             "when there were scans"
         )
-    given = (log.sightings, log.pose_fixes, log.bearings)
+    given = (log.sightings, log.pose_fixes, log.bearings, log.lamps)
     if not len(log.floor_images()) and all(part is None for part in given):
         yield (
-            "no floor images, sightings.csv, bearings.csv or tags.csv: there is only odometry to "
-            "estimate from"
+            "no floor images, sightings.csv, bearings.csv, lamps.csv or tags.csv: there is only "
+            "odometry to estimate from"
         )
 
 

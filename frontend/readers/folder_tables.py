@@ -1,4 +1,7 @@
-"""The tables of a log folder, one function per file: columns, defaults and checks of each."""
+"""The tables of a log folder, one function per file: columns, defaults and checks of each.
+
+Those of points and their sightings are in `point_tables`.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,6 @@ import numpy as np
 
 from frontend.log import (
     DEFAULT_CAMERA,
-    BearingSightings,
     ImageList,
     LineSightings,
     PoseFixes,
@@ -23,7 +25,6 @@ from frontend.strict import nearest
 from frontend.table import Table, read_columns, read_table
 from graphslam.geometry import Array, wrap
 from graphslam.measurements import LandmarkMap
-from graphslam.models.bearing import BEARING
 from graphslam.models.line import LINE
 
 LINE_SIGMA = (0.005, math.radians(0.5))
@@ -34,8 +35,6 @@ TAG_SIGMA = (0.01, 0.01, math.radians(2.0))
 LINE_COV = ("cov_rr", "cov_ra", "cov_aa")
 POSE_COV = ("cov_xx", "cov_xy", "cov_xt", "cov_yy", "cov_yt", "cov_tt")
 EXTENT = ("s_min", "s_max")
-POINTS = (BEARING.kind,)
-"""Kinds of landmarks that landmarks.csv may hold."""
 
 
 def read_wheels(path: Path) -> Wheels:
@@ -114,7 +113,7 @@ def read_sightings(path: Path, known: LandmarkMap | None) -> LineSightings:
         blank=EXTENT,
     )
     table.check_times(repeats=True)
-    _check_radians(table)
+    check_radians(table)
     truth = table.numbers.get("line", np.full(len(table), -1.0))
     table.check(truth < -1, "line = {line} is not a line; write its number in map.csv, or -1")
     if known is not None:
@@ -123,10 +122,10 @@ def read_sightings(path: Path, known: LandmarkMap | None) -> LineSightings:
     return LineSightings(
         t=table.numbers["t"],
         z=table.stack("rho", "alpha"),
-        cov=_covariances(table, LINE_COV, LINE_SIGMA),
+        cov=covariances(table, LINE_COV, LINE_SIGMA),
         extent=_extents(table),
         truth=truth,
-        t_received=_received(table),
+        t_received=received(table),
     )
 
 
@@ -136,7 +135,7 @@ def read_tags(path: Path) -> PoseFixes:
     table.check_times(repeats=True)
     z = table.stack("x", "y", "theta")
     return PoseFixes(
-        table.numbers["t"], z, _covariances(table, POSE_COV, TAG_SIGMA), _received(table)
+        table.numbers["t"], z, covariances(table, POSE_COV, TAG_SIGMA), received(table)
     )
 
 
@@ -163,7 +162,7 @@ def read_map(path: Path) -> LandmarkMap:
         whole=("line", "sightings"),
         blank=(*EXTENT, *LINE_COV),
     )
-    _check_radians(table)
+    check_radians(table)
     ids = table.numbers["line"]
     table.check(ids < 0, "line = {line} is negative; number the lines from 0")
     first = np.zeros(len(table), bool)
@@ -174,71 +173,7 @@ def read_map(path: Path) -> LandmarkMap:
     return LandmarkMap(ids.astype(np.int64), ("line",) * len(table), lines, extent, nothing)
 
 
-def read_bearings(path: Path, known: LandmarkMap | None) -> BearingSightings:
-    """Returns ``bearings.csv``.
-
-    Args:
-        path: the table.
-        known: the log's landmarks, which the column ``landmark`` names, or None.
-    """
-    table = read_table(
-        path,
-        ("t", "bearing", "sigma"),
-        ("landmark", "label", "t_received"),
-        whole=("landmark", "label"),
-    )
-    table.check_times(repeats=True)
-    _check_radians(table, "bearing")
-    table.check(table.numbers["sigma"] <= 0, "sigma = {sigma} is not positive; write radians")
-    table.check(table.numbers["sigma"] > math.pi, "sigma = {sigma} is beyond pi; write radians")
-    none = np.full(len(table), -1.0)
-    label, truth = table.numbers.get("label", none), table.numbers.get("landmark", none)
-    table.check(label < -1, "label = {label} is no label; write 0 or more, or -1 for none")
-    table.check(truth < -1, "landmark = {landmark} is no landmark; write its number, or -1")
-    if known is not None:
-        ids = known.id[known.of_kind(BEARING.kind)[0]]
-        message = "landmark = {landmark} is not in landmarks.csv; add it there, or write -1"
-        table.check((truth >= 0) & ~np.isin(truth, ids), message)
-    return BearingSightings(
-        t=table.numbers["t"],
-        z=table.stack("bearing"),
-        cov=np.square(table.numbers["sigma"])[:, None, None],
-        label=label,
-        truth=truth,
-        t_received=_received(table),
-    )
-
-
-def read_landmarks(path: Path) -> LandmarkMap:
-    """Returns ``landmarks.csv``: known landmarks of kinds that are points, not lines."""
-    table = read_table(
-        path,
-        ("landmark", "kind", "x", "y"),
-        ("label",),
-        text=("kind",),
-        whole=("landmark", "label"),
-    )
-    ids, kinds = table.numbers["landmark"], table.texts["kind"]
-    for row, kind in enumerate(kinds):
-        if kind not in POINTS:
-            raise table.error(row, f"kind = {kind!r} is not read; {nearest(kind, POINTS)}")
-    table.check(ids < 0, "landmark = {landmark} is negative; number the landmarks from 0")
-    label = table.numbers.get("label", np.full(len(table), -1.0))
-    table.check(label < -1, "label = {label} is no label; write 0 or more, or -1 for none")
-    first = np.zeros(len(table), bool)
-    first[np.unique(ids, return_index=True)[1]] = True
-    table.check(~first, "landmark = {landmark} is there twice; give each a number of its own")
-    return LandmarkMap(
-        ids.astype(np.int64),
-        kinds,
-        table.stack("x", "y"),
-        np.full((len(table), 2), np.nan),
-        np.zeros(len(table), np.int64),
-        label.astype(np.int64),
-    )
-
-
-def _check_radians(table: Table, name: str = "alpha") -> None:
+def check_radians(table: Table, name: str = "alpha") -> None:
     """Refuses what looks like degrees; angles that were added up over a turn or two pass."""
     message = f"{name} = {{{name}}} is beyond two full turns; write radians"
     table.check(np.abs(table.numbers[name]) > 4 * math.pi, message)
@@ -256,7 +191,8 @@ def _extents(table: Table) -> Array:
     return extent
 
 
-def _received(table: Table) -> Array:
+def received(table: Table) -> Array:
+    """Returns (K,) when each row became available, s: ``t`` where the table does not say."""
     t = table.numbers["t"]
     received = table.numbers.get("t_received", t)
     message = "t_received = {t_received} is before t = {t}; nothing arrives before it happens"
@@ -264,7 +200,7 @@ def _received(table: Table) -> Array:
     return received
 
 
-def _covariances(table: Table, names: tuple[str, ...], sigma: tuple[float, ...]) -> Array:
+def covariances(table: Table, names: tuple[str, ...], sigma: tuple[float, ...]) -> Array:
     """Returns (K, d, d) covariances from the columns of the upper triangle, or diag(sigma^2)."""
     d = len(sigma)
     if names[0] not in table:

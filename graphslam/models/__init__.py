@@ -11,9 +11,10 @@ from types import MappingProxyType
 
 from graphslam.models.base import Model
 from graphslam.models.bearing import BEARING
+from graphslam.models.lamp import LAMP
 from graphslam.models.line import LINE
 from graphslam.models.pose_fix import POSE_FIX
 
-MODELS: Mapping[str, Model] = MappingProxyType({m.kind: m for m in (BEARING, LINE, POSE_FIX)})
+MODELS: Mapping[str, Model] = MappingProxyType({m.kind: m for m in (BEARING, LAMP, LINE, POSE_FIX)})
 
 __all__ = ["MODELS", "Model"]

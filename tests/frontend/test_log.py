@@ -14,6 +14,7 @@ import pytest
 import frontend
 from frontend.log import Wheels, open_log
 from frontend.readers import folder, folder_tables
+from frontend.readers.point_tables import LAMP_COV, LAMP_SIGMA
 from graphslam.errors import BadLog
 from graphslam.models.odometry import DifferentialDrive
 from tests.frontend.small_logs import CAMERA, LOG_TOML, WHEELS, write_log
@@ -62,7 +63,7 @@ def test_the_example_in_the_documentation_opens_as_it_stands(tmp_path: Path):
 
 def test_the_documentation_names_every_file_and_column():
     text = DOCS.read_text(encoding="utf-8")
-    words = [*folder.USED, *folder.UNUSED, *folder_tables.LINE_COV, *folder_tables.POSE_COV]
+    words = [*folder.USED, *folder_tables.LINE_COV, *folder_tables.POSE_COV, *LAMP_COV]
     assert [word for word in words if f"`{word}`" not in text and f"### {word}" not in text] == []
 
 
@@ -222,7 +223,7 @@ def test_the_digest_changes_with_what_is_used_and_with_nothing_else(tmp_path: Pa
     files = {"log_toml": WITH_CAMERA, "images_csv": "t,file\n0,a.png\n", "a_png": b"one"}
     digest = open_log(write_log(tmp_path / "a", **files)).digest
     assert re.fullmatch("[0-9a-f]{64}", digest)
-    same = write_log(tmp_path / "b", **files, notes_txt="ignored", lamps_csv=b"unused")
+    same = write_log(tmp_path / "b", **files, notes_txt=b"unused")
     assert open_log(same).digest == digest
     for name, content in (
         ("a_png", b"two"),
@@ -239,21 +240,9 @@ def test_the_digest_changes_with_what_is_used_and_with_nothing_else(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        "lamps_csv",
-    ],
-)
-def test_files_that_are_not_used_yet_give_one_warning_each(tmp_path: Path, name: str):
-    folder = write_log(tmp_path, sightings_csv="t,rho,alpha\n0,1,1\n", **{name: b"\xff anything"})
-    file = ".".join(name.rsplit("_", 1))
-    assert open_log(folder).warnings == (f"{file}: present, not used by this version",)
-
-
-@pytest.mark.parametrize(
     ("files", "warning"),
     [
-        ({}, "no floor images, sightings.csv, bearings.csv or tags.csv"),
+        ({}, "no floor images, sightings.csv, bearings.csv, lamps.csv or tags.csv"),
         (
             {"odometry_csv": "t,x,y,theta\n0,0,0,0\n1,0,0,0\n"},
             "odometry.csv: not used, because wheels.csv is there",
@@ -657,7 +646,7 @@ def test_bearings_and_landmarks_become_sightings_of_known_points(tmp_path: Path)
         ({"bearings_csv": "t,bearing,sigma\n0,1,0\n"}, "csv:2: sigma = 0 is not positive"),
         (
             {"bearings_csv": "t,bearing,sigma,landmark\n0,1,1,5\n", "landmarks_csv": LANDMARKS},
-            "csv:2: landmark = 5 is not in landmarks.csv",
+            "csv:2: landmark = 5 is no bearing in landmarks.csv",
         ),
         ({"landmarks_csv": "landmark,kind,x,y\n0,beering,1,1\n"}, "did you mean 'bearing'"),
         (
@@ -667,5 +656,43 @@ def test_bearings_and_landmarks_become_sightings_of_known_points(tmp_path: Path)
     ],
 )
 def test_bearings_and_landmarks_that_are_wrong_say_where(tmp_path: Path, files: dict, message: str):
+    with pytest.raises(BadLog, match=re.escape(message)):
+        open_log(write_log(tmp_path, **files))
+
+
+LAMPS = "t,x,y,phi,landmark,t_received\n0,0.5,0.1,1.5,4,0.1\n1,0.2,-0.1,-1.5,-1,1.5\n"
+MIXED = "landmark,kind,x,y,phi\n0,bearing,0,0,\n4,lamp,1,0,1.5\n"
+
+
+def test_lamps_and_their_landmarks_arrive_with_their_delay(tmp_path: Path):
+    log = open_log(write_log(tmp_path, lamps_csv=LAMPS, landmarks_csv=MIXED))
+    measurements = frontend.extract(log)
+    table = measurements.sightings["lamp"]
+    assert table.node.tolist() == [0, 1]
+    np.testing.assert_allclose(table.z, [[0.5, 0.1, 1.5], [0.2, -0.1, -1.5]])
+    np.testing.assert_allclose(np.sqrt(table.cov[0].diagonal()), LAMP_SIGMA)
+    assert table.truth.tolist() == [4, -1]
+    assert table.t_received.tolist() == [0.1, 1.5]
+    assert measurements.known.kind == ("bearing", "lamp")
+    np.testing.assert_array_equal(measurements.known.params, [[0, 0, np.nan], [1, 0, 1.5]])
+
+
+@pytest.mark.parametrize(
+    ("files", "message"),
+    [
+        ({"lamps_csv": "t,x,y,phi\n0,1,1,90\n"}, "csv:2: phi = 90 is beyond two"),
+        ({"lamps_csv": "t,x,y,phi,t_received\n1,1,1,1,0\n"}, "csv:2: t_received = 0 is before"),
+        (
+            {"lamps_csv": "t,x,y,phi,landmark\n0,1,1,1,0\n", "landmarks_csv": MIXED},
+            "csv:2: landmark = 0 is no lamp in landmarks.csv",
+        ),
+        ({"landmarks_csv": "landmark,kind,x,y\n0,lamp,1,1\n"}, "csv:2: phi is missing"),
+        (
+            {"landmarks_csv": "landmark,kind,x,y,phi\n0,bearing,1,1,2\n"},
+            "csv:2: phi = 2, but only a lamp has an axis",
+        ),
+    ],
+)
+def test_lamps_that_are_wrong_say_where(tmp_path: Path, files: dict, message: str):
     with pytest.raises(BadLog, match=re.escape(message)):
         open_log(write_log(tmp_path, **files))

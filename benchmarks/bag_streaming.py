@@ -64,6 +64,10 @@ class Frame:
         """Returns the grey levels."""
         return self._grey
 
+    def bgr(self) -> np.ndarray:
+        """Returns the grey levels three times."""
+        return np.repeat(self._grey[..., None], 3, axis=2)
+
     def packed(self) -> None:
         """Returns None: it is not a file."""
         return

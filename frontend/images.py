@@ -1,4 +1,4 @@
-"""Image files to grey images, and to thumbnails."""
+"""Image files to grey or coloured images, and to thumbnails."""
 
 from __future__ import annotations
 
@@ -50,13 +50,32 @@ def read_grey(image: Path | RecordedImage) -> NDArray[np.uint8] | None:
         return None
 
 
+def read_bgr(image: Path | RecordedImage) -> NDArray[np.uint8] | None:
+    """Returns an image as (H, W, 3) colours, BGR, or None where it cannot be read whole."""
+    if not isinstance(image, Path):
+        return image.bgr()
+    try:
+        return decoded_bgr(image.read_bytes())
+    except OSError:
+        return None
+
+
 def decoded(data: bytes | memoryview | NDArray[np.uint8]) -> NDArray[np.uint8] | None:
     """Returns the bytes of an image file as (H, W) grey levels, or None where not whole."""
+    return _decoded(data, cv2.IMREAD_GRAYSCALE)
+
+
+def decoded_bgr(data: bytes | memoryview | NDArray[np.uint8]) -> NDArray[np.uint8] | None:
+    """Returns the bytes of an image file as (H, W, 3) colours, BGR, or None where not whole."""
+    return _decoded(data, cv2.IMREAD_COLOR)
+
+
+def _decoded(data: bytes | memoryview | NDArray[np.uint8], how: int) -> NDArray[np.uint8] | None:
     try:
-        grey = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), how)
     except cv2.error:
         return None
-    return None if grey is None else np.asarray(grey, np.uint8)
+    return None if picture is None else np.asarray(picture, np.uint8)
 
 
 def image_file(image: Path | RecordedImage) -> tuple[str, bytes] | None:

@@ -30,6 +30,10 @@ class RecordedImage(Protocol):
         """Returns (H, W) grey levels, or None where it cannot be read whole."""
         ...
 
+    def bgr(self) -> NDArray[np.uint8] | None:
+        """Returns (H, W, 3) colours, BGR, or None where it cannot be read whole."""
+        ...
+
     def packed(self) -> bytes | None:
         """Returns the bytes of the image file that was recorded, or None where it is none."""
         ...

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 from frontend.readers import bag_types as types
 from frontend.readers.bag_parts import Broken, Channel, Container, Place
 from frontend.recorded import Scan
+
+Picture = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,13 +39,26 @@ class BagImage:
         from frontend.encodings import grey_of
         from frontend.images import decoded
 
+        return self._read(decoded, grey_of)
+
+    def bgr(self) -> NDArray[np.uint8] | None:
+        """Returns (H, W, 3) colours, BGR, or None where it cannot be read whole."""
+        from frontend.encodings import bgr_of
+        from frontend.images import decoded_bgr
+
+        return self._read(decoded_bgr, bgr_of)
+
+    def _read(
+        self, unpacked: Callable[..., Picture | None], plain: Callable[..., Picture | None]
+    ) -> Picture | None:
+        """Returns the image by a function of a file's bytes, or by one of a plain image's."""
         content = _content(self.file, self.channel, self.place)
         if content is None:
             return None
         if self.channel.type == types.COMPRESSED:
-            return decoded(content.data)
+            return unpacked(content.data)
         size = (int(content.width), int(content.height), int(content.step))
-        return grey_of(content.data, content.encoding, *size, bool(content.is_bigendian))
+        return plain(content.data, content.encoding, *size, bool(content.is_bigendian))
 
     def packed(self) -> bytes | None:
         """Returns the bytes of the image file that was recorded, or None where it is none."""

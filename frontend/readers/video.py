@@ -50,6 +50,10 @@ class VideoImage:
         """Returns (H, W) grey levels, or None where the video does not reach so far."""
         return self.video.grey(self.frame)
 
+    def bgr(self) -> NDArray[np.uint8] | None:
+        """Returns (H, W, 3) colours, BGR, or None where the video does not reach so far."""
+        return self.video.bgr(self.frame)
+
     def packed(self) -> bytes | None:
         """Returns None: a frame of a video is no file."""
         return None
@@ -80,6 +84,24 @@ class Video:
 
     def grey(self, number: int) -> NDArray[np.uint8] | None:
         """Returns a frame as (H, W) grey levels, or None where the video does not reach so far."""
+        import cv2
+
+        picture = self._picture(number)
+        if picture is None or picture.ndim == 2:
+            return picture
+        return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8)
+
+    def bgr(self, number: int) -> NDArray[np.uint8] | None:
+        """Returns a frame as (H, W, 3) colours, BGR, or None where the video ends before it."""
+        import cv2
+
+        picture = self._picture(number)
+        if picture is None or picture.ndim == 3:
+            return picture
+        return np.asarray(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR), np.uint8)
+
+    def _picture(self, number: int) -> NDArray[np.uint8] | None:
+        """Returns a frame as it is decoded, or None where the video does not reach so far."""
         with self._lock:
             if number in self._frames:
                 return self._frames[number]
@@ -114,19 +136,16 @@ class Video:
         return bool(self._capture.isOpened())
 
     def _decode(self) -> NDArray[np.uint8] | None:
-        import cv2
-
         whole, picture = self._capture.read()
         if not whole:
             self._next = LONGEST
             return None
-        grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
-        grey.flags.writeable = False
-        self._frames[self._next] = grey
+        picture.flags.writeable = False
+        self._frames[self._next] = picture
         self._next += 1
         while len(self._frames) > KEPT_FRAMES:
             self._frames.popitem(last=False)
-        return np.asarray(grey, np.uint8)
+        return np.asarray(picture, np.uint8)
 
 
 def read_video(video: Path, table: Path) -> tuple[ImageList, tuple[str, ...]]:

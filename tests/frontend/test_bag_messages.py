@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from frontend.encodings import grey_of
+from frontend.encodings import bgr_of, grey_of
 from frontend.extract import extract
 from frontend.log import open_log, with_camera_offset
 from frontend.readers.bag_collect import collect
@@ -107,6 +107,28 @@ def test_encodings_become_grey_levels():
     bright = read(red, "bayer_rggb8", 8)[2:4, 2:4].mean()
     assert bright == pytest.approx(0.299 * 200, abs=2)
     assert grey_of(np.zeros(10, np.uint8), "mono8", 8, 6, 8, False) is None
+
+
+def test_encodings_become_colours():
+    rng = np.random.default_rng(1)
+    colour = rng.integers(0, 256, (6, 8, 3), np.uint8)
+    opaque = np.concatenate([colour, np.full((6, 8, 1), 255, np.uint8)], axis=2)
+
+    def read(data: np.ndarray, encoding: str, step: int) -> np.ndarray:
+        found = bgr_of(np.frombuffer(data.tobytes(), np.uint8), encoding, 8, 6, step, False)
+        assert found is not None
+        return found
+
+    assert np.array_equal(read(colour, "bgr8", 24), colour)
+    assert np.array_equal(read(colour[..., ::-1], "rgb8", 24), colour)
+    assert np.array_equal(read(opaque, "bgra8", 32), colour)
+    grey = colour[..., 0]
+    assert np.array_equal(read(grey, "mono8", 8), np.repeat(grey[..., None], 3, axis=2))
+    red = np.zeros((6, 8), np.uint8)
+    red[::2, ::2] = 200
+    blue_green_red = read(red, "bayer_rggb8", 8)[2:4, 2:4].mean(axis=(0, 1))
+    assert blue_green_red == pytest.approx((0.0, 0.0, 200.0), abs=2)
+    assert bgr_of(np.zeros(10, np.uint8), "bgr8", 8, 6, 24, False) is None
 
 
 # ---- time -------------------------------------------------------------------------------------

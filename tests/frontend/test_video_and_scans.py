@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from frontend.extract import extract
-from frontend.images import read_grey
+from frontend.images import read_bgr, read_grey
 from frontend.log import open_log
 from graphslam.errors import BadLog
 from tests.frontend.small_logs import CAMERA, LOG_TOML, WHEELS, write_log
@@ -45,6 +45,10 @@ def test_frames_are_those_that_the_table_names_in_any_order_of_asking(tmp_path: 
         assert grey is not None
         assert grey.shape == (24, 32)
         assert abs(float(grey.mean()) - 20 * frame) < 3
+        colours = read_bgr(log.images.file[row])
+        assert colours is not None
+        assert colours.shape == (24, 32, 3)
+        assert np.abs(colours.mean(axis=(0, 1)) - 20 * frame).max() < 3
     assert log.images.name(0, tmp_path) == "x.avi frame 1"
     assert len({image.digest for image in log.images.file}) == 4  # type: ignore[union-attr]
     assert len(extract(log).t) == 4

@@ -72,7 +72,7 @@ class Filter(Matcher):
     """One run of the filter: the joint state, and what became of each sighting.
 
     Filters that differ in a model override `residual` or `motion`, those that linearise elsewhere
-    `linearisation`, those that match otherwise `find` or `candidates`.
+    `linearisation` and `measure_waiting`, those that match otherwise `find` or `candidates`.
 
     Attributes:
         name: of the method.
@@ -263,6 +263,21 @@ class Filter(Matcher):
             landmark, J_pose, J_z = self.start_at(node, model, z, given)
         offset = self.state.add(landmark, J_pose, J_z @ cov @ J_z.T)
         return self.admit(table, row, first, offset, given)
+
+    def measure_waiting(
+        self, model: Model, nodes: IntArray, poses: Array, landmark: Array, z: Array, cov: Array
+    ) -> tuple[Array, Array, Array] | None:
+        """Returns residuals and Jacobians of waiting sightings at what they start; None: not yet.
+
+        Args:
+            model: of the sightings.
+            nodes: (k,) where they were made.
+            poses: (k, 3) the poses of these nodes as they are known now, floor frame.
+            landmark: (l,) what the sightings start.
+            z: (k, d) the sightings.
+            cov: (k, d, d) their covariances.
+        """
+        return self.residual(model, poses, landmark, z)
 
     def admit(self, table: Sightings, row: int, first: int, offset: int, given: int = -1) -> int:
         """Enters a landmark that one sighting put at ``offset`` of the state; returns its row."""

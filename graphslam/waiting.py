@@ -162,7 +162,11 @@ class Waiting:
         poses, landmark = self._linearisation(track, model, table, place)
         if landmark is None:
             return None
-        e, J_p, J_l = run.residual(model, poses, landmark, table.z[rows])
+        at = np.array(track.nodes)
+        measured = run.measure_waiting(model, at, poses, landmark, table.z[rows], table.cov[rows])
+        if measured is None:
+            return None
+        e, J_p, J_l = measured
         whiten = np.linalg.inv(np.linalg.cholesky(table.cov[rows]))
         A = (whiten @ J_l).reshape(-1, model.dim_landmark)
         B = scipy.linalg.block_diag(*(whiten @ J_p))

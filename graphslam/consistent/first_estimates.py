@@ -22,6 +22,7 @@ from graphslam.geometry import Array, compose
 from graphslam.landmarks import padded
 from graphslam.measurements import IntArray, Measurements, Sightings
 from graphslam.models import Model
+from graphslam.models.base import Delayed
 
 
 def run_first_estimates(measurements: Measurements, config: EkfConfig | None = None) -> Estimate:
@@ -39,8 +40,9 @@ class FirstEstimates(Filter):
 
     Attributes:
         first_pose: (3,) the pose of this node before any sighting of it, floor frame.
-        first: parameters of each landmark as its first sighting gives it from the first pose, by
-            its row in the roster.
+        first_poses: (N, 3) the same of all nodes so far.
+        first: parameters of each landmark as the sightings that start it give it from the first
+            poses, by its row in the roster.
     """
 
     name = "ekf-fej"
@@ -48,6 +50,7 @@ class FirstEstimates(Filter):
     def __init__(self, measurements: Measurements, config: EkfConfig, at: Estimate | None) -> None:
         super().__init__(measurements, config, at)
         self.first_pose = np.array(measurements.start_pose)
+        self.first_poses = np.tile(self.first_pose, (len(measurements.t), 1))
         self.first = [row[np.isfinite(row)] for row in self.known]
 
     def predict(self, i: int) -> None:
@@ -58,7 +61,7 @@ class FirstEstimates(Filter):
         F, _, _ = self.motion(self.first_pose, there, increment, cov)
         _, self.last_Q, _ = self.motion(mean, there, increment, cov)
         self.state.move(there, F, self.last_Q)
-        self.first_pose = there
+        self.first_pose = self.first_poses[i + 1] = there
 
     def innovations(
         self, model: Model, table: Sightings, rows: IntArray, landmarks: IntArray
@@ -94,11 +97,39 @@ class FirstEstimates(Filter):
         started = model.initialise(self.state.mean[:3], z, cov)
         at_first = model.initialise(self.first_pose, z, cov)
         if started is None or at_first is None:
-            return None
+            return self._start_waiting(node, model, table, row, first)
         estimate, J_pose, J_z = at_first
         offset = self.state.add(started[0], J_pose, J_z @ cov @ J_z.T)
         self.first.append(estimate)
         return self.admit(table, row, first, offset)
+
+    def _start_waiting(
+        self, node: int, model: Model, table: Sightings, row: int, first: int
+    ) -> int | None:
+        """Starts a landmark with earlier sightings of it, if they suffice by now."""
+        started = self.waiting.take(node, model, table, row, first)
+        if started is not None:
+            theirs = np.flatnonzero(self.match[first : first + len(table)] == started)
+            estimate = self._first_of(model, table.node[theirs], table.z[theirs], table.cov[theirs])
+            assert estimate is not None, "it has just been found"
+            self.first.append(estimate)
+        return started
+
+    def _first_of(self, model: Model, nodes: IntArray, z: Array, cov: Array) -> Array | None:
+        """Returns what waiting sightings (k,) start from the first poses of their nodes."""
+        assert isinstance(model, Delayed), "its own sighting did not start it"
+        return model.initialise_from(self.first_poses[nodes], None, z, cov)
+
+    def measure_waiting(
+        self, model: Model, nodes: IntArray, poses: Array, landmark: Array, z: Array, cov: Array
+    ) -> tuple[Array, Array, Array] | None:
+        """Returns residuals at the mean and Jacobians at first estimates; None: not yet."""
+        estimate = self._first_of(model, nodes, z, cov)
+        if estimate is None:
+            return None
+        e, _, _ = self.residual(model, poses, landmark, z)
+        _, J_p, J_l = self.residual(model, self.first_poses[nodes], estimate, z)
+        return e, J_p, J_l
 
     def _measure(
         self, model: Model, landmarks: IntArray, z: Array

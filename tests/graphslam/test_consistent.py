@@ -12,9 +12,10 @@ from graphslam.config import EkfConfig, MatchingConfig
 from graphslam.consistent import run_first_estimates, run_robot_centred
 from graphslam.ekf import run_ekf
 from graphslam.estimate import Estimate
+from graphslam.geometry import wrap
 from graphslam.measurements import LandmarkMap, Measurements
 from graphslam.models.line import LINE
-from tests.worlds import GRID, drive
+from tests.worlds import CONES, GRID, bearing_drive, drive
 
 KNOWN = EkfConfig(matching=MatchingConfig(method="known"))
 Run = Callable[[Measurements, EkfConfig | None], Estimate]
@@ -83,3 +84,27 @@ def test_on_a_known_map_it_localises(run: Run) -> None:
     np.testing.assert_array_equal(estimate.map.params, run_ekf(
         replace(measurements, known=known)
     ).map.params)  # fmt: skip
+
+
+def test_first_estimates_start_what_one_sighting_cannot() -> None:
+    """Points seen by direction only: each waits for parallax, and the errors are as claimed."""
+    nees = []
+    for seed in range(3):
+        measurements, truth = bearing_drive(seed, 150)
+        estimate = run_first_estimates(measurements)
+        gaps = np.linalg.norm(estimate.map.params[:, None, :2] - CONES, axis=2)
+        assert sorted(gaps.argmin(axis=1).tolist()) == list(range(len(CONES)))
+        e = estimate.pose[1:] - truth[1:]
+        e[:, 2] = wrap(e[:, 2])
+        inverse = np.linalg.inv(estimate.cov_floor[1:])
+        nees.append(np.mean(np.einsum("ni,nij,nj->n", e, inverse, e)) / 3.0)
+    assert 0.5 < np.mean(nees) < 1.5
+
+
+def test_bearings_too_leave_the_floor_where_it_lies() -> None:
+    start, sigma = 0.3, {}
+    for run in (run_first_estimates, run_ekf):
+        measurements, _ = bearing_drive(2, 250, odometry_sigma=(0.02, 0.02, 0.05))
+        unsure = replace(measurements, start_cov=np.diag([1e-6, 1e-6, start**2]))
+        sigma[run] = float(np.sqrt(run(unsure, KNOWN).cov_floor[-1, 2, 2]))
+    assert sigma[run_first_estimates] > start > sigma[run_ekf]

@@ -23,6 +23,7 @@ Method = Literal[
     "odometry",
     "geometric",
     "ekf",
+    "ekf-naive",
     "ekf-fej",
     "ekf-robot",
     "particle",
@@ -38,8 +39,9 @@ class RunConfig:
     """Everything that decides what a run computes from a log."""
 
     methods: tuple[Method, ...] = ("odometry", "ekf", "smoother")
-    """Methods to run and compare. odometry: the wheels alone. ekf: EKF-SLAM, causal. ekf-fej,
-    ekf-robot: the same with covariances that stay honest, by first-estimates Jacobians or by
+    """Methods to run and compare. odometry: the wheels alone. ekf: EKF-SLAM, causal.
+    ekf-naive: the same, taking late sightings for ones of the moment they arrive. ekf-fej,
+    ekf-robot: EKF-SLAM with covariances that stay honest, by first-estimates Jacobians or by
     correcting what the robot sees. isam2: smoothing as the robot drives, causal. fixed-lag: the
     same, each pose told a few seconds late. smoother: the factor graph over the whole log, started
     from the filter's result. On a known map only: geometric, the pose from the lines by

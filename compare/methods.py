@@ -46,6 +46,14 @@ def _ekf(
     return run_ekf(measurements, config.ekf, told=told)
 
 
+def _ekf_naive(
+    measurements: Measurements, config: RunConfig, done: Estimates, told: Told | None = None
+) -> Estimate:
+    from graphslam.late import run_naive
+
+    return run_naive(measurements, config.ekf, told)
+
+
 def _ekf_fej(measurements: Measurements, config: RunConfig, done: Estimates) -> Estimate:
     from graphslam.consistent import run_first_estimates
 
@@ -131,6 +139,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "odometry": Method(_odometry),
         "geometric": Method(_geometric),
         "ekf": Method(_ekf, stepwise=True),
+        "ekf-naive": Method(_ekf_naive, stepwise=True),
         "ekf-fej": Method(_ekf_fej),
         "ekf-robot": Method(_ekf_robot),
         "particle": Method(_particle),

@@ -15,6 +15,7 @@ KINDS = {
     "odometry": "wheels alone",
     "geometric": "from the lines alone, causal",
     "ekf": "filter, causal",
+    "ekf-naive": "filter that ignores delays, causal",
     "ekf-fej": "filter with first-estimates Jacobians, causal",
     "ekf-robot": "filter in the robot's coordinates, causal",
     "triangulation": "each pose from its own bearings, without memory",

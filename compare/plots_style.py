@@ -23,6 +23,7 @@ INK = "#010203"
 METHOD_COLOURS = {
     "odometry": "#d55e00",
     "ekf": "#0072b2",
+    "ekf-naive": "#7d7d7d",
     "ekf-fej": "#a0780a",
     "ekf-robot": "#8b6fc4",
     "isam2": "#4a9bb5",

@@ -72,8 +72,13 @@ class EkfConfig:
     lost_after: int = 3
     """Nodes in a row that rejected most of their sightings after which the filter says 'lost' and
     widens the covariance of its pose, ever more until it finds itself; 0 switches this off."""
+    late_s: float = 5.0
+    """How far the filter goes back for a sighting that arrives late (`t_received`), s. What is
+    later still is left out and counted."""
 
     def __post_init__(self) -> None:
+        if not self.late_s >= 0:
+            raise BadConfig(f"ekf.late_s = {self.late_s}: must be 0 or more")
         if self.confirm_after < 1:
             raise BadConfig(f"ekf.confirm_after = {self.confirm_after}: must be 1 or more")
         if self.lost_after < 0:

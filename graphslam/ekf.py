@@ -15,6 +15,7 @@ from graphslam.estimate import Estimate, Told
 from graphslam.geometry import Array, compose
 from graphslam.kalman import JointState
 from graphslam.landmarks import padded
+from graphslam.late import Arrivals, Past
 from graphslam.measurements import IntArray, Measurements, Sightings
 from graphslam.models import MODELS, Model
 from graphslam.models.odometry import transition
@@ -112,29 +113,39 @@ class Filter(Matcher):
 
     def filter(self, told: Told | None = None) -> tuple[Array, Array]:
         """Returns the poses (N, 3) and covariances (N, 3, 3) as each was known at its time."""
-        measurements = self.measurements
-        nodes = len(measurements.t)
+        nodes = len(self.measurements.t)
         pose, cov = np.empty((nodes, 3)), np.empty((nodes, 3, 3))
-        starts = {kind: t.starts(nodes) for kind, t in measurements.sightings.items()}
-        # what needs no landmark first: a landmark shall start from the best pose of its node
-        tables = sorted(measurements.tables(), key=lambda e: MODELS[e[1].kind].dim_landmark > 0)
-        for node in range(nodes):
-            if node > 0:
-                self.predict(node - 1)
-            for first, table in tables:
-                rows = np.arange(*starts[table.kind][node : node + 2])
-                if len(rows):
-                    self.take_sightings(node, table, rows, first)
-            self.after_node(node)
-            self.waiting.after_node(node)
-            pose[node], cov[node] = self.state.mean[:3], self.state.P[:3, :3]
-            self.history.remember(self.roster, self.state, self.waiting.columns())
-            if told is not None:
-                told(node)
+        arrivals, past = Arrivals(self.measurements, self.config.late_s), Past(self)
+        for now in range(nodes + arrivals.after_last):
+            back = arrivals.back(now)
+            if back < now:
+                past.go_back(back)
+            for node in range(back, min(now + 1, nodes)):
+                if arrivals.awaits(node, now):
+                    past.keep(node)
+                self.take_node(node, arrivals, now)
+            past.forget(arrivals, now)
+            at = min(now, nodes - 1)
+            pose[at], cov[at] = self.state.mean[:3], self.state.P[:3, :3]
+            if told is not None and now < nodes:
+                told(now)
         self.waiting.forget_all()
         for row in self.roster.tentative().tolist():
             self.remove(row)
+        self.counts.update(arrivals.counts)
         return pose, cov
+
+    def take_node(self, node: int, arrivals: Arrivals, now: int) -> None:
+        """Comes to a node and takes those of its sightings that are known at node ``now``."""
+        if node > 0:
+            self.predict(node - 1)
+        for first, table in arrivals.tables:
+            rows = arrivals.rows(table, node, now)
+            if len(rows):
+                self.take_sightings(node, table, rows, first)
+        self.after_node(node)
+        self.waiting.after_node(node)
+        self.history.remember(self.roster, self.state, self.waiting.columns())
 
     # ---- prediction ------------------------------------------------------------------------
 
@@ -301,10 +312,9 @@ class Filter(Matcher):
         )
 
     def remove(self, row: int) -> None:
-        """Takes a landmark out of the state, and rejects its sightings."""
-        theirs = self.match == row
-        self.counts[REMOVED if self.roster.confirmed[row] else UNCONFIRMED] += int(theirs.sum())
-        self.match[theirs], self.used[theirs], self.nis[theirs] = -1, False, np.nan
+        """Takes a landmark out of the state; its sightings are rejected in the end."""
+        reason = REMOVED if self.roster.confirmed[row] else UNCONFIRMED
+        self.counts[reason] += int(np.count_nonzero(self.match == row))
         assert self.roster.offset[row] != FIXED, "known landmarks stay"
         at = int(self.roster.offset[row])
         self.roster.remove(row, self.state)

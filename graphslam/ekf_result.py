@@ -30,6 +30,14 @@ class History:
         self._nodes = nodes
         self._entries: list[tuple[IntArray, Array]] | None = []
 
+    def __len__(self) -> int:
+        return 0 if self._entries is None else len(self._entries)
+
+    def cut(self, length: int) -> None:
+        """Forgets all nodes but the first ``length``."""
+        if self._entries is not None:
+            del self._entries[length:]
+
     def remember(self, roster: Roster, state: JointState, others: IntArray) -> None:
         """Keeps the variances of the landmarks: of all entries behind the pose but ``others``."""
         if self._entries is None:
@@ -72,6 +80,7 @@ def result(run: Filter, pose: Array, cov: Array) -> Estimate:
     row_of = np.append(np.full(len(roster), -1), -1)
     row_of[kept] = np.arange(len(kept))
     match = row_of[run.match]
+    gone = (run.match >= 0) & (match < 0)
     own = zip(roster.offset[kept[roster.known :]], dims[roster.known :], strict=True)
     given = [row[:d] for row, d in zip(run.known, dims, strict=False)]
     params = padded([*given, *(run.state.mean[o : o + d] for o, d in own)])
@@ -88,8 +97,8 @@ def result(run: Filter, pose: Array, cov: Array) -> Estimate:
         map=landmarks,
         cov_joint=joint,
         match=match,
-        used=run.used,
-        nis=run.nis,
+        used=run.used & ~gone,
+        nis=np.where(gone, np.nan, run.nis),
         weight=np.ones(len(match)),
         unobserved=unobserved_directions(information, joint[:3, :3], cov_odometry[-1]),
         counts={reason: n for reason, n in sorted(run.counts.items()) if n},

@@ -17,6 +17,7 @@ from graphslam.estimate import Estimate, Told
 from graphslam.geometry import Array, compose, rotate_covariance, wrap
 from graphslam.information import position_information, unobserved_directions
 from graphslam.landmarks import finish_map, padded
+from graphslam.late import TOO_LATE, Arrivals
 from graphslam.measurements import Measurements, Sightings
 from graphslam.models import MODELS
 from graphslam.models.base import Delayed
@@ -114,17 +115,14 @@ class _Run:
     def run(self, told: Told | None) -> Estimate:
         """Returns what all nodes gave."""
         nodes = len(self.problem.pose)
-        # what needs no landmark first: a landmark shall start from the best pose of its node
-        tables = sorted(
-            self.problem.measurements.tables(), key=lambda e: MODELS[e[1].kind].dim_landmark > 0
-        )
-        starts = {table.kind: table.starts(nodes) for _, table in tables}
+        arrivals = Arrivals(self.problem.measurements, np.inf)
+        news = [(first, table, arrivals.news(table)) for first, table in arrivals.tables]
         with translated_errors():
             for node in range(nodes):
                 step = Step(node)
                 pose = self._move(step)
-                for first, table in tables:
-                    for row in range(*starts[table.kind][node : node + 2]):
+                for first, table, known in news:
+                    for row in known[node].tolist():
                         self._see(step, pose, table, row, first)
                 self.updates.take(step)
                 for done in self.updates.told(node, last=node == nodes - 1):
@@ -147,20 +145,23 @@ class _Run:
         step.add_pose(pose)
         return np.asarray(pose)
 
-    def _see(self, step: Step, pose: Array, table: Sightings, row: int, first: int) -> None:
-        """Adds one sighting, and its landmark where that can start now."""
+    def _see(self, step: Step, here: Array, table: Sightings, row: int, first: int) -> None:
+        """Adds one sighting, where it was made, and its landmark where that can start now."""
         problem, model, landmark = self.problem, MODELS[table.kind], int(self.match[first + row])
-        z, cov = table.z[row], table.cov[row]
-        if not model.dim_landmark:
-            step.graph.push_back(sighting_factor(model, z, cov, step.node))
+        z, cov, node = table.z[row], table.cov[row], int(table.node[row])
+        if node != step.node and not self.updates.holds(node):
+            self.counts[TOO_LATE] += 1
+            self.match[first + row] = -1
+        elif not model.dim_landmark:
+            step.graph.push_back(sighting_factor(model, z, cov, node))
         elif landmark >= 0 and problem.fixed[landmark]:
             params = problem.params[landmark, : model.dim_landmark]
-            step.graph.push_back(fixed_sighting_factor(model, z, cov, step.node, params))
+            step.graph.push_back(fixed_sighting_factor(model, z, cov, node, params))
         elif landmark >= 0 and self.started[landmark]:
-            step.graph.push_back(sighting_factor(model, z, cov, step.node, landmark))
+            step.graph.push_back(sighting_factor(model, z, cov, node, landmark))
         elif landmark >= 0:
             rows = [*self._still_waiting(landmark, table, first), row]
-            started = self._start(step.node, pose, table, rows)
+            started = self._start(step.node, here, table, rows)
             if started is None:
                 self.waiting[landmark] = rows
                 return
@@ -183,12 +184,12 @@ class _Run:
     def _start(self, node: int, pose: Array, table: Sightings, rows: list[int]) -> Array | None:
         """Returns a landmark from the last of some sightings, else from all; None if not yet."""
         model, z, cov = MODELS[table.kind], table.z[rows], table.cov[rows]
-        alone = model.initialise(pose, z[-1], cov[-1])
+        seen_from = [pose if n == node else self._now(n) for n in table.node[rows].tolist()]
+        alone = model.initialise(seen_from[-1], z[-1], cov[-1])
         if alone is not None:
             return alone[0]
         if not isinstance(model, Delayed):
             return None
-        seen_from = [pose if n == node else self._now(n) for n in table.node[rows].tolist()]
         return model.initialise_from(np.array(seen_from), None, z, cov)
 
     def _now(self, node: int) -> Array:

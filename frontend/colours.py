@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from frontend.colour_range import LARGEST_HSV, Hsv
 from graphslam.geometry import Array
-
-Hsv = tuple[int, int, int]
-"""Hue 0 to 179 (two degrees each), saturation and value 0 to 255, as OpenCV has them."""
-LARGEST_HSV = (179, 255, 255)
 
 Mask = NDArray[np.uint8]
 
@@ -89,6 +87,19 @@ def find_blobs(mask: Mask, min_area_px: float = 1.0) -> Blobs:
     rows, columns = mask.shape
     low, high = (box[:, :2] <= 0).any(axis=1), (box[:, 2:] >= [columns - 1, rows - 1]).any(axis=1)
     return Blobs(centroids[order], area[order], box, low | high, centroid_sigma(area[order]))
+
+
+def blob_pixels(mask: Mask) -> Iterator[Array]:
+    """Yields the pixels (n, 2), (u, v), of each part of a mask (8 neighbours), largest first.
+
+    For what counts only part of a blob; else `find_blobs` is quicker.
+    """
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    stats = np.asarray(stats, np.int64)
+    for part in 1 + np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable"):
+        left, top, width, height = stats[part, :4].tolist()
+        v, u = np.nonzero(labels[top : top + height, left : left + width] == part)
+        yield np.column_stack([u + left, v + top]).astype(float)
 
 
 def centroid_sigma(area: Array) -> Array:

@@ -117,6 +117,38 @@ class DetectorConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class OmniConfig:
+    """Directions of coloured landmarks in images of an omnidirectional camera."""
+
+    open_px: int = 3
+    """Specks of colour narrower than this are removed, pixels; 0 and 1 remove none."""
+    close_px: int = 3
+    """Holes and gaps in a colour narrower than this are closed, pixels; 0 and 1 close none."""
+    min_area_px: int = 8
+    """Smallest blob that counts, pixels, its base left out."""
+    base_share: float = 0.35
+    """Share of a blob, from its end nearest to the mirror's centre, that is left out: the base of a
+    cone is square, and would move the centroid as the robot turns. 0: none."""
+    widest_deg: float = 60.0
+    """Widest blob that counts, degrees around the mirror's centre."""
+    centre_px: float = 0.1
+    """Standard deviation of the mirror's centre, pixels; near landmarks feel it most."""
+    deformation_deg: float = 0.05
+    """Standard deviation of what lens and mirror do to a direction after calibration, degrees."""
+
+    def __post_init__(self) -> None:
+        for name in ("open_px", "close_px", "centre_px", "deformation_deg"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise BadConfig(f"{name} = {getattr(self, name)}: must be finite and not negative")
+        if self.min_area_px < 1:
+            raise BadConfig(f"min_area_px = {self.min_area_px}: must be 1 or more")
+        if not 0 <= self.base_share < 1:
+            raise BadConfig(f"base_share = {self.base_share}: must be from 0 to below 1")
+        if not 0 < self.widest_deg <= 180:
+            raise BadConfig(f"widest_deg = {self.widest_deg}: must be above 0 and at most 180")
+
+
+@dataclass(frozen=True, slots=True)
 class NoiseConfig:
     """Noise of wheels and sightings, in place of what log.toml and the detector say.
 
@@ -151,6 +183,7 @@ class ExtractConfig:
     """From a log to measurements."""
 
     detector: DetectorConfig = field(default_factory=DetectorConfig)
+    omni: OmniConfig = field(default_factory=OmniConfig)
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     """Noise in place of what log.toml and the detector say."""
     workers: int = 0
@@ -171,6 +204,9 @@ class ExtractConfig:
     differs from the wheels'. `graphslam calibrate LOG --time-offset` finds it."""
     every: int = 1
     """Use every n-th image (without images, every n-th time of sightings.csv), n >= 1."""
+    landmarks: Literal["known", "mapped"] = "known"
+    """What landmarks.csv is for. known: the estimators are given it. mapped: they map its kinds
+    themselves, and it only judges them."""
 
     def __post_init__(self) -> None:
         if self.workers < 0:
@@ -179,5 +215,7 @@ class ExtractConfig:
             raise BadConfig(f"camera_offset_s = {self.camera_offset_s}: must be seconds")
         if self.every < 1:
             raise BadConfig(f"every = {self.every}: must be 1 or more")
+        if self.landmarks not in ("known", "mapped"):
+            raise BadConfig(f"landmarks = {self.landmarks!r}: must be known or mapped")
         if self.from_s is not None and self.to_s is not None and self.from_s >= self.to_s:
             raise BadConfig(f"from_s = {self.from_s} is not before to_s = {self.to_s}")

@@ -18,7 +18,7 @@ from frontend.nodes import (
     odometry_part,
     odometry_times,
 )
-from frontend.truth import true_lines
+from frontend.truth import true_lines, true_points
 from graphslam.geometry import Array, wrap
 from graphslam.measurements import IntArray, Measurements, Sightings
 
@@ -35,6 +35,7 @@ UNREADABLE_CURE = {
 }
 LINE_OUTSIDE = "line outside the wheel record"
 FIX_OUTSIDE = "pose fix outside the wheel record"
+UNREADABLE_OMNI = "omnidirectional image that cannot be read"
 BEARING_OUTSIDE = "bearing outside the wheel record"
 LAMP_OUTSIDE = "lamp outside the wheel record"
 
@@ -71,6 +72,7 @@ def extract(
         _with_noise(lines, config.noise),
         _pose_fixes(log, nodes.chosen, t, rejected),
         _bearings(log, nodes.chosen, t, rejected),
+        _seen_bearings(log, nodes, config, rejected),
         _lamps(log, nodes.chosen, t, rejected),
     )
     return Measurements(
@@ -79,7 +81,7 @@ def extract(
         start_cov=np.diag(np.maximum(log.start_sigma, KNOWN_SIGMA) ** 2),
         odometry=odometry_at(log, t, config.noise),
         sightings={table.kind: table for table in tables if table is not None},
-        known=log.landmarks,
+        known=log.landmarks if config.landmarks == "known" else None,
         rejected={reason: count for reason, count in sorted(rejected.items()) if count},
     )
 
@@ -93,6 +95,11 @@ def extraction_warnings(log: Log, measurements: Measurements) -> tuple[str, ...]
         found.append(
             f"images that could not be read and were left out: {rejected[UNREADABLE]}, first "
             f"{_first_unreadable(log, measurements)}; {cure}"
+        )
+    if UNREADABLE_OMNI in rejected:
+        found.append(
+            f"omnidirectional images that could not be read and were left out: "
+            f"{rejected[UNREADABLE_OMNI]}; {UNREADABLE_CURE[log.described == 'log.toml']}"
         )
     used, known = measurements.t, odometry_times(log)
     if NODE_OUTSIDE in rejected:
@@ -196,6 +203,33 @@ def _bearings(log: Log, chosen: Array, t: Array, rejected: Counter[str]) -> Sigh
         given.t_received[rows],
         truth=given.truth[rows],
         label=given.label[rows],
+    )
+
+
+def _seen_bearings(
+    log: Log, nodes: Nodes, config: ExtractConfig, rejected: Counter[str]
+) -> Sightings | None:
+    """Returns the directions of landmarks that images at the nodes show, ordered by node."""
+    from frontend.cones import bearings_in_images
+
+    numbers = log.omni_images()
+    if log.images is None or not len(numbers):
+        return None
+    wanted = np.intersect1d(nodes.t, nodes.of_lines)
+    numbers = numbers[np.isin(log.images.t[numbers], wanted)]
+    found, source, unreadable = bearings_in_images(log, numbers, config)
+    rejected.update({**found.rejected, UNREADABLE_OMNI: unreadable})
+    times = log.images.t[source]
+    return _table(
+        "bearing",
+        np.searchsorted(nodes.t, times),
+        found.z,
+        found.cov,
+        times,
+        quality=found.area,
+        source=source,
+        truth=true_points(log, times, found.z[:, 0], found.label),
+        label=found.label,
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from frontend.camera import Camera
 from frontend.columns import freeze, read_only
+from frontend.omni import OmniCamera
 from frontend.recorded import RecordedImage, ScanList
 from graphslam.errors import BadLog
 from graphslam.geometry import Array
@@ -208,6 +209,7 @@ class Log:
         bearings: directions of points, or None.
         lamps: lamps already detected, or None.
         landmarks: landmarks of any kind but lines that are known beforehand, or None.
+        omni: cameras that see all around, by name.
     """
 
     name: str
@@ -233,9 +235,11 @@ class Log:
     bearings: BearingSightings | None = None
     lamps: LampSightings | None = None
     landmarks: LandmarkMap | None = None
+    omni: Mapping[str, OmniCamera] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", MappingProxyType(dict(self.cameras)))
+        object.__setattr__(self, "omni", MappingProxyType(dict(self.omni)))
         object.__setattr__(self, "labels", MappingProxyType({**FILES, **self.labels}))
         for name in ("start_pose", "start_sigma"):
             object.__setattr__(self, name, read_only(name, getattr(self, name), (3,)))
@@ -253,6 +257,15 @@ class Log:
             return np.zeros(0, np.int64)
         names = {*self.cameras} | ({DEFAULT_CAMERA} if self.sightings is not None else set())
         return np.flatnonzero([name in names for name in self.images.camera])
+
+    def omni_images(self) -> IntArray:
+        """Returns the numbers (row in `images`) of the images that are searched for landmarks.
+
+        Beside bearings that were already measured there are none.
+        """
+        if self.images is None or self.bearings is not None:
+            return np.zeros(0, np.int64)
+        return np.flatnonzero([name in self.omni for name in self.images.camera])
 
     def where(self, part: str) -> str:
         """Returns where a part of the log is, as messages say it: a file, or a topic of a file."""

@@ -36,7 +36,7 @@ class Nodes:
 def choose_nodes(log: Log, config: ExtractConfig) -> Nodes:
     """Returns the nodes of a log, or of the part that is asked for.
 
-    They are the distinct times of floor images and of sightings.csv, every n-th of them, and those
+    They are the distinct times of images and of sightings.csv, every n-th of them, and those
     of all other tables of sightings; without any of these, the times of the laser's scans, else of
     the odometry, every n-th.
 
@@ -73,7 +73,7 @@ def line_times(log: Log) -> tuple[Array, Array]:
     """
     seen = [np.zeros(0)]
     if log.images is not None:
-        seen.append(log.images.t[log.floor_images()])
+        seen += [log.images.t[log.floor_images()], log.images.t[log.omni_images()]]
     if log.sightings is not None:
         seen.append(log.sightings.t)
     main = np.unique(np.concatenate(seen))

@@ -15,11 +15,14 @@ from graphslam.geometry import (
     transform_points,
 )
 from graphslam.measurements import IntArray
+from graphslam.models.bearing import BEARING
 
 LARGEST_OFFSET = 0.020
 """Largest distance from the true line at the middle of the seen stretch, m."""
 LARGEST_TURN = math.radians(1.5)
 """Largest angle between a sighting and its true line, rad."""
+LARGEST_ASIDE = math.radians(5.0)
+"""Largest angle between the direction of a point and that of its true one, rad."""
 
 CLOCK_S = 1e-6
 """Times that differ by less are equal: files print them with few decimals, s."""
@@ -72,6 +75,36 @@ def nearest_line(lines: Array, pose: Array, z: Array, middle: Array) -> IntArray
     offset[~(aligned & (offset <= LARGEST_OFFSET))] = np.inf
     nearest = offset.argmin(axis=1)
     return np.where(np.isfinite(offset[np.arange(len(z)), nearest]), nearest, -1)
+
+
+def true_points(log: Log, t: Array, bearing: Array, label: IntArray) -> IntArray:
+    """Returns (K,) the true landmark of each direction, -1 where there is none or nothing tells.
+
+    It is the one nearest in direction, of its label, within `LARGEST_ASIDE`, of landmarks.csv.
+
+    Args:
+        log: with true poses and landmarks.
+        t: (K,) times of the sightings, s.
+        bearing: (K,) directions, rad, robot frame.
+        label: (K,) what the sensor tells points apart by; -1 for nothing.
+    """
+    truth = np.full(len(t), -1, np.int64)
+    if log.truth is None or log.landmarks is None:
+        return truth
+    rows, points = log.landmarks.of_kind(BEARING.kind)
+    first, last = log.truth.t[[0, -1]]
+    inside = np.flatnonzero((t >= first - CLOCK_S) & (t <= last + CLOCK_S))
+    if not len(rows) or not len(inside):
+        return truth
+    pose = interpolate_poses(t[inside], log.truth.t, log.truth.pose)
+    e, _, _ = BEARING.residual(pose[:, None], points[:, :2], bearing[inside, None, None])
+    off, own = np.abs(e[..., 0]), label[inside, None]
+    of = log.landmarks.label[rows]
+    off[(own >= 0) & (of >= 0) & (own != of)] = np.inf
+    nearest = off.argmin(axis=1)
+    near = off[np.arange(len(inside)), nearest] <= LARGEST_ASIDE
+    truth[inside] = np.where(near, log.landmarks.id[rows][nearest], -1)
+    return truth
 
 
 def _normals(lines: Array) -> Array:

@@ -13,7 +13,13 @@ import numpy as np
 from frontend.log import DEFAULT_CAMERA, ImageList, Log, with_camera_offset
 from frontend.readers import folder_tables as tables
 from frontend.readers import point_tables as points
-from frontend.readers.log_toml import LogTable, RobotTable, floor_cameras, read_log_toml
+from frontend.readers.log_toml import (
+    LogTable,
+    RobotTable,
+    floor_cameras,
+    omni_cameras,
+    read_log_toml,
+)
 from frontend.readers.scans_npz import read_scans
 from frontend.readers.video import VideoImage, read_video
 from graphslam.errors import BadConfig, BadLog
@@ -48,6 +54,7 @@ def read_folder(folder: Path) -> Log:
     settings_path = folder / "log.toml"
     settings = read_log_toml(settings_path)
     cameras, elsewhere = floor_cameras(settings_path, settings)
+    omni = omni_cameras(settings_path, settings)
     wheels = _optional(folder / "wheels.csv", tables.read_wheels)
     odometry = _optional(folder / "odometry.csv", tables.read_odometry)
     if wheels is None and odometry is None:
@@ -80,12 +87,15 @@ def read_folder(folder: Path) -> Log:
         digest="",
         scans=_optional(folder / "scans.npz", read_scans),
         bearings=_optional(
-            folder / "bearings.csv", lambda path: points.read_bearings(path, others)
+            folder / "bearings.csv",
+            lambda path: points.read_bearings(path, others, settings.bearings),
         ),
         lamps=_optional(folder / "lamps.csv", lambda path: points.read_lamps(path, others)),
         landmarks=others,
+        omni=omni,
     )
-    warnings = (*notes, *_unused(elsewhere), *_doubtful(log))
+    unused = [name for name in elsewhere if name not in omni]
+    warnings = (*notes, *_unused(unused), *_doubtful(log))
     log = replace(log, warnings=warnings, digest=_digest(log))
     return replace(with_camera_offset(log, settings.time.camera_offset), offset_s=0.0)
 
@@ -156,11 +166,17 @@ def _doubtful(log: Log) -> Iterator[str]:
             "scans.npz: scans are read, but no detector finds walls in them yet: they only say "
             "when there were scans"
         )
-    given = (log.sightings, log.pose_fixes, log.bearings, log.lamps)
-    if not len(log.floor_images()) and all(part is None for part in given):
+    if log.images is not None and log.omni and log.bearings is not None:
         yield (
-            "no floor images, sightings.csv, bearings.csv, lamps.csv or tags.csv: there is only "
-            "odometry to estimate from"
+            "bearings.csv: images are not searched for landmarks, because bearings already "
+            "measured are there"
+        )
+    given = (log.sightings, log.pose_fixes, log.bearings, log.lamps)
+    searched = len(log.floor_images()) + len(log.omni_images())
+    if not searched and all(part is None for part in given):
+        yield (
+            "no images that are searched, sightings.csv, bearings.csv, lamps.csv or tags.csv: "
+            "there is only odometry to estimate from"
         )
 
 
@@ -168,9 +184,12 @@ def _digest(log: Log) -> str:
     """Returns the SHA-256, hexadecimal, of all files used: names, sizes, content, fixed order."""
     paths = [path for name in USED if _is_there(path := log.folder / name)]
     named = [(path.name, path) for path in paths]
-    if log.images is not None and log.sightings is None:  # else no image is opened
+    numbers = log.omni_images()
+    if log.sightings is None:  # else no image of the floor is opened
+        numbers = np.union1d(log.floor_images(), numbers)
+    if log.images is not None and len(numbers):
         root = log.folder.resolve()
-        files = [log.images.file[i] for i in log.floor_images()]
+        files = [log.images.file[i] for i in numbers.tolist()]
         paths = [file for file in files if isinstance(file, Path)]
         named += [(path.relative_to(root).as_posix(), path) for path in paths]
     total = hashlib.sha256()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -12,6 +12,8 @@ import numpy as np
 
 from frontend.camera import LOOKS_AT, Camera
 from frontend.log import DEFAULT_CAMERA, UNKNOWN_WHEELS
+from frontend.omni import BearingCorrection, OmniCamera
+from frontend.readers.omni_toml import OmniTable
 from frontend.strict import from_dict, load_toml, nearest
 from graphslam.errors import BadConfig, BadLog
 from graphslam.models.odometry import DifferentialDrive
@@ -133,6 +135,8 @@ class LogTable:
     start: StartTable | None = None
     video: str | None = None
     time: TimeTable = TimeTable()
+    bearings: BearingCorrection = field(default_factory=BearingCorrection)
+    """What to add to bearings.csv."""
 
     def __post_init__(self) -> None:
         check_name(self.name)
@@ -170,18 +174,10 @@ def floor_cameras(path: Path, content: LogTable) -> tuple[dict[str, Camera], lis
     Raises:
         BadLog: a camera is described wrongly.
     """
-    tables = {f"cameras.{name}": (name, table) for name, table in content.cameras.items()}
-    if content.camera is not None:
-        if DEFAULT_CAMERA in content.cameras:
-            raise BadLog(
-                f"{path}: has [camera] and [cameras.{DEFAULT_CAMERA}], which mean the same camera; "
-                "remove one"
-            )
-        tables["camera"] = (DEFAULT_CAMERA, content.camera)
     cameras: dict[str, Camera] = {}
     elsewhere: list[str] = []
-    for at, (name, table) in tables.items():
-        if _looks_at(path, at, name, table) != "floor":
+    for at, name, table, looks_at in _cameras(path, content):
+        if looks_at != "floor":
             elsewhere.append(name)
             continue
         given = from_dict(CameraTable, table, str(path), BadLog, at)
@@ -190,6 +186,37 @@ def floor_cameras(path: Path, content: LogTable) -> tuple[dict[str, Camera], lis
         except BadConfig as refused:
             raise BadLog(f"{path}: [{at}] {refused}") from None
     return cameras, elsewhere
+
+
+def omni_cameras(path: Path, content: LogTable) -> dict[str, OmniCamera]:
+    """Returns the cameras that see all around.
+
+    Raises:
+        BadLog: a camera is described wrongly.
+    """
+    cameras: dict[str, OmniCamera] = {}
+    for at, name, table, looks_at in _cameras(path, content):
+        if looks_at == "omni":
+            given = from_dict(OmniTable, table, str(path), BadLog, at)
+            try:
+                cameras[name] = given.camera(name)
+            except BadConfig as refused:
+                raise BadLog(f"{path}: [{at}] {refused}") from None
+    return cameras
+
+
+def _cameras(path: Path, content: LogTable) -> Iterator[tuple[str, str, Any, str]]:
+    """Yields of each camera where it is described, its name, its table and where it looks."""
+    tables = {f"cameras.{name}": (name, table) for name, table in content.cameras.items()}
+    if content.camera is not None:
+        if DEFAULT_CAMERA in content.cameras:
+            raise BadLog(
+                f"{path}: has [camera] and [cameras.{DEFAULT_CAMERA}], which mean the same camera; "
+                "remove one"
+            )
+        tables["camera"] = (DEFAULT_CAMERA, content.camera)
+    for at, (name, table) in tables.items():
+        yield at, name, table, _looks_at(path, at, name, table)
 
 
 def _looks_at(path: Path, at: str, name: str, table: Any) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from frontend.log import BearingSightings, LampSightings
+from frontend.omni import BearingCorrection
 from frontend.readers.folder_tables import check_radians, covariances, received
 from frontend.strict import nearest
 from frontend.table import Table, read_table
@@ -23,12 +24,15 @@ LAMP_SIGMA = (0.02, 0.02, math.radians(2.0))
 LAMP_COV = ("cov_xx", "cov_xy", "cov_xp", "cov_yy", "cov_yp", "cov_pp")
 
 
-def read_bearings(path: Path, known: LandmarkMap | None) -> BearingSightings:
+def read_bearings(
+    path: Path, known: LandmarkMap | None, correction: BearingCorrection
+) -> BearingSightings:
     """Returns ``bearings.csv``.
 
     Args:
         path: the table.
         known: the log's landmarks, which the column ``landmark`` names, or None.
+        correction: what is added to the directions as they stand in the table.
     """
     table = read_table(
         path,
@@ -46,7 +50,7 @@ def read_bearings(path: Path, known: LandmarkMap | None) -> BearingSightings:
     _check_named(table, truth, known, BEARING.kind)
     return BearingSightings(
         t=table.numbers["t"],
-        z=table.stack("bearing"),
+        z=correction.of(table.stack("bearing")),
         cov=np.square(table.numbers["sigma"])[:, None, None],
         label=label,
         truth=truth,

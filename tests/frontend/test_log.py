@@ -242,7 +242,7 @@ def test_the_digest_changes_with_what_is_used_and_with_nothing_else(tmp_path: Pa
 @pytest.mark.parametrize(
     ("files", "warning"),
     [
-        ({}, "no floor images, sightings.csv, bearings.csv, lamps.csv or tags.csv"),
+        ({}, "no images that are searched, sightings.csv, bearings.csv, lamps.csv or tags.csv"),
         (
             {"odometry_csv": "t,x,y,theta\n0,0,0,0\n1,0,0,0\n"},
             "odometry.csv: not used, because wheels.csv is there",

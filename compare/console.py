@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import ExitStack
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,8 @@ from rich import progress as bars
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+
+from compare.compiling import told_when_compiling
 
 if TYPE_CHECKING:
     from compare.run import RunResult
@@ -30,6 +33,7 @@ class Progress:
     def __init__(self) -> None:
         self._bar: bars.Progress | None = None
         self._task: bars.TaskID | None = None
+        self._open = ExitStack()
 
     def __enter__(self) -> Progress:
         if sys.stderr.isatty():
@@ -40,7 +44,9 @@ class Progress:
                 bars.TimeElapsedColumn(),
             )
             self._bar = bars.Progress(*columns, console=Console(stderr=True), transient=True)
-            self._bar.start()
+            self._open.enter_context(self._bar)
+            say = self._bar.console.print
+            self._open.enter_context(told_when_compiling(lambda text: say(f"graphslam: {text}")))
         return self
 
     def __exit__(
@@ -49,8 +55,7 @@ class Progress:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+        self._open.close()
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Notes that ``done`` of ``total`` parts of a stage are done."""

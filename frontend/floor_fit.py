@@ -65,16 +65,25 @@ def fit_on_floor(  # type: ignore[no-untyped-def]
     tx, ty = floor[count - 1, X] - floor[0, X], floor[count - 1, Y] - floor[0, Y]
     length = math.hypot(tx, ty)
     nx, ny = ty / length, -tx / length  # s = -x ny + y nx increases along (tx, ty)
-    s, across = floor[:, Y] * nx - floor[:, X] * ny, floor[:, X] * nx + floor[:, Y] * ny
+    s, across, widths = np.empty(count), np.empty(count), np.empty(count)
+    for k in range(count):
+        s[k] = floor[k, Y] * nx - floor[k, X] * ny
+        across[k] = floor[k, X] * nx + floor[k, Y] * ny
+        widths[k] = floor[k, WIDTH_M]
     first, last = _best_run(count, weight, s, limits.longest_gap)
     w = np.zeros(count)
     support = _weigh(blocks, floor, weight, first, last, w)
     if support < 3:
         return NO_EDGES
     middle, near = 0.5 * (s[first] + s[last]), across[first]
-    offset, slope = _straight_through(s - middle, across - near, w, first, last, fit)
-    wide, taper = _straight_through(s - middle, floor[:, WIDTH_M], w, first, last, fit)
-    residual = across - near - offset - slope * (s - middle)
+    for k in range(count):
+        s[k] -= middle
+        across[k] -= near
+    offset, slope = _straight_through(s, across, w, first, last, fit)
+    wide, taper = _straight_through(s, widths, w, first, last, fit)
+    residual = across
+    for k in range(count):
+        residual[k] -= offset + slope * s[k]
     square, pixel = _sum_up(blocks, floor, residual, w, weight, first, last, fit)
 
     crooked = square / CROOKED_PX**2

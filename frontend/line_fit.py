@@ -31,7 +31,7 @@ from frontend.profiles import COLUMNS, MOST_BLOCKS, PIXEL, WIDTH, read_blocks, t
 from frontend.straight import fit_straight, keep_strong, median_of, through_view, turned
 
 FIRST_REACH, LAST_REACH = 3.5, 1.5  # pixels, as of `read_blocks`
-FIRST_MOST, LAST_MOST = 96, 320  # profiles, as of `read_blocks`
+FIRST_MOST, LAST_MOST = 96.0, 320.0  # profiles, as of `read_blocks`
 WEAKEST_BEYOND = 0.2  # share of the step near its segments that a line has beyond them
 SAME_TURN = math.sin(math.radians(5.0))
 
@@ -47,7 +47,8 @@ def measure_lines(sight, box, lines, limits):  # type: ignore[no-untyped-def]
         limits: `Limits`.
     """
     fits, counts = np.empty((len(lines), FIT_COLUMNS)), np.zeros(len(REASONS), np.int64)
-    blocks, found = np.empty((MOST_BLOCKS, COLUMNS)), 0
+    blocks = np.empty((MOST_BLOCKS, COLUMNS))
+    found = len(lines) - len(lines)  # a plain 0 would have callees compiled for it alone
     for k in range(len(lines)):
         fit = fits[found]
         reason = _fit_line(sight, box, lines[k], limits, blocks, fit)
@@ -64,7 +65,8 @@ def measure_lines(sight, box, lines, limits):  # type: ignore[no-untyped-def]
         if fits[k, COV_AA] > limits.vaguest**2:
             counts[TOO_VAGUE] += 1
         else:
-            fits[sure] = fits[k]
+            for column in range(FIT_COLUMNS):
+                fits[sure, column] = fits[k, column]
             sure += 1
     return fits[:sure], counts
 
@@ -97,7 +99,9 @@ def _fit_line(sight, box, line, limits, blocks, fit):  # type: ignore[no-untyped
         return NO_EDGES
     a, b = fit_straight(blocks, count, weight)
     ends = through_view(turned(ends, a, b), box)
-    width = median_of(blocks[:count, WIDTH] * blocks[:count, PIXEL])
+    for k in range(count):
+        weight[k] = blocks[k, WIDTH] * blocks[k, PIXEL]
+    width = median_of(weight[:count])
     count = read_blocks(sight, ends, width, line[5], LAST_REACH, LAST_MOST, blocks)
     count, typical = keep_strong(blocks, count, WEAKEST_BEYOND * typical)
     if count < 3:

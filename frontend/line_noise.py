@@ -49,7 +49,8 @@ def set_covariances(fits, count):  # type: ignore[no-untyped-def]
     for k in range(count):
         squares += fits[k, SQUARES]
         freedom += fits[k, FREEDOM] - 2.0
-        lagged += fits[k, LAGGED:]
+        for lag in range(LAGS):
+            lagged[lag] += fits[k, LAGGED + lag]
     common = (squares + PRIOR_BLOCKS) / (freedom + PRIOR_BLOCKS)
     alike = 1.0
     if squares > 0.0:
@@ -77,7 +78,8 @@ def set_covariances(fits, count):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def add_lagged(blocks, residual, weight, first, last, lagged):  # type: ignore[no-untyped-def]
     """Sets ``lagged`` to sums of products of the residuals of blocks 1, 2, ... places apart."""
-    lagged[:] = 0.0
+    for lag in range(LAGS):
+        lagged[lag] = 0.0
     for k in range(first, last + 1):
         for other in range(max(first, k - LAGS), k):
             apart = int(blocks[k, PLACE] - blocks[other, PLACE])
@@ -108,11 +110,16 @@ def set_fixed_part(  # type: ignore[no-untyped-def]
     _corner_share(blocks[first, U], blocks[first, V], shape, share_first)
     _corner_share(blocks[last, U], blocks[last, V], shape, share_last)
     calibration, wander = limits.calibration_px**2, limits.straightness**2
-    var_first = np.sum(share_first**2) * calibration + LIMIT_PX**2
-    var_last = np.sum(share_last**2) * calibration + LIMIT_PX**2
+    same_first = same_last = both = 0.0
+    for k in range(4):
+        same_first += share_first[k] ** 2
+        same_last += share_last[k] ** 2
+        both += share_first[k] * share_last[k]
+    var_first = same_first * calibration + LIMIT_PX**2
+    var_last = same_last * calibration + LIMIT_PX**2
     var_first = var_first * pixels[0] ** 2 + wander
     var_last = var_last * pixels[1] ** 2 + wander
-    cov_both = np.sum(share_first * share_last) * calibration * pixels[0] * pixels[1]
+    cov_both = both * calibration * pixels[0] * pixels[1]
     fit[FIXED_OO] = 0.25 * (var_first + var_last + 2.0 * cov_both)
     fit[FIXED_OS] = 0.25 * (var_last - var_first) / half
     fit[FIXED_SS] = 0.25 * (var_first + var_last - 2.0 * cov_both) / half**2

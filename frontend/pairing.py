@@ -9,8 +9,10 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from frontend.profiles import to_floor
+from graphslam.geometry import Array
 
 MOST_PAIRS = 4096
 SHORTEST_PX = 6.0  # of a segment, pixels
@@ -85,9 +87,14 @@ def pair_segments(segments, limits):  # type: ignore[no-untyped-def]
     return pairs[:count]
 
 
+def clearest_first(pairs: Array) -> NDArray[np.int64]:
+    """Returns the order (P,) of pairs (P, 9) by how clearly they are seen."""
+    return np.argsort(-pairs[:, SCORE], kind="stable")
+
+
 @njit(cache=True, nogil=True)
-def join_pairs(pairs, segments, longest_gap):  # type: ignore[no-untyped-def]
-    """Returns lines (C, 6): floor ends, width, 1 for dark or -1 for bright; clearest pair first.
+def join_pairs(pairs, order, segments, longest_gap):  # type: ignore[no-untyped-def]
+    """Returns lines (C, 6): floor ends, width, 1 for dark or -1 for bright; in the order given.
 
     A pair takes up all others that continue it, so that crossings and stains do not part a line.
     A segment bounds one line only: the one of its clearest pair. Of a bevelled groove's four edges
@@ -95,19 +102,20 @@ def join_pairs(pairs, segments, longest_gap):  # type: ignore[no-untyped-def]
 
     Args:
         pairs: of `pair_segments`.
+        order: (P,) numbers of the pairs, clearest first.
         segments: the segments.
         longest_gap: between pairs of one line, m.
     """
-    order = np.argsort(-pairs[:, SCORE], kind="mergesort")
     lines = np.empty((len(pairs), 6))
     taken = np.zeros(len(segments), np.bool_)
     member = np.zeros(len(pairs), np.bool_)
+    ends = np.empty(4)
     count = 0
     for seed in order:
         p = pairs[seed]
         if taken[int(p[FIRST])] or taken[int(p[SECOND])]:
             continue
-        ends = np.array([p[PX0], p[PY0], p[PX1], p[PY1]])
+        ends[0], ends[1], ends[2], ends[3] = p[PX0], p[PY0], p[PX1], p[PY1]
         for _ in range(2):
             tx, ty = ends[2] - ends[0], ends[3] - ends[1]
             length = math.hypot(tx, ty)
@@ -150,7 +158,8 @@ def join_pairs(pairs, segments, longest_gap):  # type: ignore[no-untyped-def]
             if member[k]:
                 taken[int(pairs[k, FIRST])] = taken[int(pairs[k, SECOND])] = True
         taken[int(p[FIRST])] = taken[int(p[SECOND])] = True
-        lines[count, :4] = ends
+        for k in range(4):
+            lines[count, k] = ends[k]
         lines[count, 4], lines[count, 5] = p[WIDTH], p[DARK]
         count += 1
     return lines[:count]

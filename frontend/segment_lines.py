@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
@@ -24,7 +23,14 @@ from frontend.fit_table import (
     Limits,
 )
 from frontend.line_fit import measure_lines
-from frontend.pairing import FIRST, SECOND, join_pairs, pair_segments, place_segments
+from frontend.pairing import (
+    FIRST,
+    SECOND,
+    clearest_first,
+    join_pairs,
+    pair_segments,
+    place_segments,
+)
 from frontend.segments import hough_segments, lsd_segments
 from frontend.sight import region_of
 
@@ -36,16 +42,14 @@ def segment_lines(grey: NDArray[np.uint8], camera: Camera, config: DetectorConfi
     find = lsd_segments if config.method == "lsd" else hough_segments
     segments = find(grey, config)
     region = region_of(camera, config.coarsest_pixel_m)
-    fits, counts, placed, alone = _lines_of_segments(
-        region.sight(grey),
-        region.box,
-        camera.undistort(segments),
-        segments,
-        _limits(config),
-    )
+    sight, limits = region.sight(grey), _limits(config)
+    placed = place_segments(camera.undistort(segments), segments, sight)
+    pairs = pair_segments(placed, limits)
+    lines = join_pairs(pairs, clearest_first(pairs), placed, limits.longest_gap)
+    fits, counts = measure_lines(sight, region.box, lines, limits)
     rejected = dict(zip(REASONS[1:], counts[1:].tolist(), strict=True))
-    rejected["outside the region"] = len(segments) - placed
-    rejected["one edge only"] = alone
+    rejected["outside the region"] = len(segments) - len(placed)
+    rejected["one edge only"] = len(placed) - len(np.unique(pairs[:, [FIRST, SECOND]]))
     cov = fits[:, [COV_RR, COV_RA, COV_RA, COV_AA]].reshape(-1, 2, 2)
     return detected(
         fits[:, [RHO, ALPHA]], cov, fits[:, [LOW, HIGH]], fits[:, QUALITY], rejected, config
@@ -66,24 +70,3 @@ def _limits(config: DetectorConfig) -> Limits:
         straightness=config.straightness_m,
         sense=SENSE[config.polarity],
     )
-
-
-@njit(cache=True, nogil=True)
-def _lines_of_segments(sight, box, ends, raw, limits):  # type: ignore[no-untyped-def]
-    """Returns lines, counts of `REASONS`, and how many segments are in the region, and unpaired.
-
-    Args:
-        sight: image and camera.
-        box: as of `measure_lines`.
-        ends: (N, 2, 2) segments, undistorted pixels, the bright side on their left.
-        raw: (N, 2, 2) the same in the recorded image.
-        limits: `Limits`.
-    """
-    segments = place_segments(ends, raw, sight)
-    pairs = pair_segments(segments, limits)
-    lines = join_pairs(pairs, segments, limits.longest_gap)
-    fits, counts = measure_lines(sight, box, lines, limits)
-    alone = np.ones(len(segments), np.bool_)
-    for k in range(len(pairs)):
-        alone[int(pairs[k, FIRST])] = alone[int(pairs[k, SECOND])] = False
-    return fits, counts, len(segments), int(np.sum(alone))

@@ -19,8 +19,25 @@ FINEST_SCALE = 0.04  # pixels: smaller residuals than these are never outliers
 
 @njit(cache=True, nogil=True)
 def median_of(values):  # type: ignore[no-untyped-def]
-    ordered = np.sort(values)
-    n = len(ordered)
+    """Returns the median of contiguous values, by Shell's sort of a copy.
+
+    `numpy.sort` takes seconds to compile.
+    """
+    n = len(values)
+    ordered = np.empty(n)
+    for k in range(n):
+        ordered[k] = values[k]
+    gap = 1
+    while gap < n // 3:
+        gap = 3 * gap + 1
+    while gap > 0:
+        for k in range(gap, n):
+            value, place = ordered[k], k
+            while place >= gap and ordered[place - gap] > value:
+                ordered[place] = ordered[place - gap]
+                place -= gap
+            ordered[place] = value
+        gap //= 3
     return 0.5 * (ordered[(n - 1) // 2] + ordered[n // 2])
 
 
@@ -52,21 +69,27 @@ def keep_strong(blocks, count, least):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def fit_straight(blocks, count, weight):  # type: ignore[no-untyped-def]
     """Fits ACROSS = a + b ALONG robustly; fills ``weight``; returns a (pixels) and b."""
-    along, across = blocks[:count, ALONG], blocks[:count, ACROSS]
+    along, across, residual = np.empty(count), np.empty(count), np.empty(count)
+    for k in range(count):
+        along[k], across[k] = blocks[k, ALONG], blocks[k, ACROSS]
     a = b = 0.0
-    residual = np.empty(count)
     # a first direction that no third of strays can turn: through the medians of two of the three
     # thirds, whichever two leave the smallest residuals
     third = max(count // 3, 1)
     least = math.inf
     for first, second in ((0, count - third), (0, third), (third, count - third)):
-        s_0, s_1 = median_of(along[first : first + third]), median_of(along[second:][:third])
-        d_0, d_1 = median_of(across[first : first + third]), median_of(across[second:][:third])
+        first_last, second_last = min(first + third, count), min(second + third, count)
+        s_0, s_1 = median_of(along[first:first_last]), median_of(along[second:second_last])
         if s_1 <= s_0:
             continue
+        d_0, d_1 = median_of(across[first:first_last]), median_of(across[second:second_last])
         slope = (d_1 - d_0) / (s_1 - s_0)
-        offset = median_of(across - slope * along)
-        size = median_of(np.abs(across - offset - slope * along))
+        for k in range(count):
+            residual[k] = across[k] - slope * along[k]
+        offset = median_of(residual)
+        for k in range(count):
+            residual[k] = abs(residual[k] - offset)
+        size = median_of(residual)
         if size < least:
             least, a, b = size, offset, slope
     for _ in range(5):

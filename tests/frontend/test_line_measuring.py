@@ -10,7 +10,7 @@ from frontend.camera import Camera
 from frontend.config import DetectorConfig
 from frontend.fit_table import Limits
 from frontend.lines import detect_lines
-from frontend.pairing import DARK, FIRST, SECOND, WIDTH, join_pairs, pair_segments
+from frontend.pairing import DARK, FIRST, SECOND, WIDTH, clearest_first, join_pairs, pair_segments
 from frontend.profiles import ACROSS, ALONG, COLUMNS, MOST_BLOCKS, STEP_LOW, read_blocks, to_raw
 from frontend.profiles import WIDTH as WIDTH_PX
 from frontend.segments import grey_noise
@@ -75,7 +75,7 @@ def joined(gap: float, longest: float) -> int:
     ]
     pairs = pairs_of(*segments)
     assert {(int(p[FIRST]), int(p[SECOND])) for p in pairs} == {(0, 1), (2, 3)}
-    return len(join_pairs(pairs, np.array(segments), longest))
+    return len(join_pairs(pairs, clearest_first(pairs), np.array(segments), longest))
 
 
 def test_a_break_is_joined_up_to_the_longest_allowed() -> None:
@@ -92,7 +92,7 @@ def blocks_along(camera: Camera, line: np.ndarray, width: float, grey: float) ->
     ends = camera.floor_to_pixel(points_on_line(line, np.array([-0.75, -0.45])))
     blocks = np.empty((MOST_BLOCKS, COLUMNS))
     dark = 1.0 if grey < 140.0 else -1.0
-    return blocks[: read_blocks(sight, ends, width, dark, 2.0, 320, blocks)]
+    return blocks[: read_blocks(sight, ends, width, dark, 2.0, 320.0, blocks)]
 
 
 @pytest.mark.parametrize("name", ["320x240", "320x240 bent", "320x240 fisheye"])
@@ -111,7 +111,7 @@ def test_profiles_of_the_wrong_polarity_see_no_edges() -> None:
     image = Floor(camera).draw(line, 0.010).image(np.random.default_rng(0))
     ends = camera.floor_to_pixel(points_on_line(line, np.array([-0.75, -0.45])))
     blocks = np.empty((MOST_BLOCKS, COLUMNS))
-    count = read_blocks(region_of(camera, 0.03).sight(image), ends, 0.01, -1.0, 2.0, 320, blocks)
+    count = read_blocks(region_of(camera, 0.03).sight(image), ends, 0.01, -1.0, 2.0, 320.0, blocks)
     assert keep_strong(blocks, count, 10.0)[0] < 0.2 * count
 
 

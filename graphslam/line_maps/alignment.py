@@ -14,7 +14,7 @@ from graphslam.line_maps.correspondence import Agreement
 from graphslam.line_maps.fit import Fit, fit_motion, slide_direction
 from graphslam.line_maps.line_map import LineMap
 from graphslam.line_maps.settle import Both, agreement_at, agreement_of, settle
-from graphslam.line_maps.votes import hypotheses
+from graphslam.line_maps.votes import Near, hypotheses
 from graphslam.measurements import IntArray
 
 HOPELESS = 0.25
@@ -89,7 +89,7 @@ class Alignment:
 
 
 def find_alignments(
-    a: LineMap, b: LineMap, config: AlignmentConfig | None = None
+    a: LineMap, b: LineMap, config: AlignmentConfig | None = None, within: Near | None = None
 ) -> tuple[Alignment, ...]:
     """Returns the ways to lay map ``b`` on map ``a``, best first; none where nothing agrees.
 
@@ -102,6 +102,8 @@ def find_alignments(
         a: the map that stays.
         b: the map that moves.
         config: tolerances; None for the defaults.
+        within: what is known of the motion beforehand; None where nothing is. The search takes less
+            time within it; what it finds may settle a little beyond.
     """
     config = config or AlignmentConfig()
     if not len(a) or not len(b):
@@ -110,7 +112,7 @@ def find_alignments(
     found: list[tuple[Array, Agreement]] = []
     near: dict[float, tuple[IntArray, IntArray]] = {}
     best = 0.0
-    for start in hypotheses(both.side_a, both.side_b, config):
+    for start in hypotheses(both.side_a, both.side_b, config, within):
         theta = float(start[2])
         if theta not in near:
             near[theta] = both.parallel(theta)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.ndimage
@@ -34,13 +35,54 @@ MOST_CELLS = 1200
 """Cells along each side of the votes for a shift; beyond, cells grow."""
 
 
-def hypotheses(a: Side, b: Side, config: AlignmentConfig) -> Array:
-    """Returns motions ``a_T_b`` (H, 3), most votes first, at most ``config.hypotheses``."""
+@dataclass(frozen=True, slots=True)
+class Near:
+    """Where alignments are looked for, when something is known of the motion beforehand.
+
+    Attributes:
+        motion: (3,) expected ``a_T_b``, m and rad.
+        cov: (3, 3) its covariance, a's frame.
+        gate: squared number of standard deviations within which turn and shift lie.
+    """
+
+    motion: Array
+    cov: Array
+    gate: float
+
+    def allows(self, theta: Array, slack: float) -> Array:
+        """Returns (R,) which turns lie within the gate or ``slack``, rad, beyond it."""
+        reach = math.sqrt(self.gate * self.cov[2, 2]) + slack
+        return np.asarray(np.abs(wrap(theta - self.motion[2])) <= reach)
+
+    def box(self, theta: float, point: Array) -> tuple[Array, Array]:
+        """Returns the middle (2,) and half sides (2,) of where ``point`` of b comes to lie.
+
+        Args:
+            theta: turn that is tried, rad.
+            point: (2,) b's frame, m.
+        """
+        lever = rotation(float(self.motion[2])) @ point
+        J = np.array([[1.0, 0.0, -lever[1]], [0.0, 1.0, lever[0]]])
+        half = np.sqrt(self.gate * np.diagonal(J @ self.cov @ J.T))
+        turned = rotation(theta) @ point
+        straight = self.motion[:2] + lever
+        bent = self.motion[:2] + turned
+        return 0.5 * (straight + bent), half + 0.5 * np.abs(straight - bent)
+
+
+def hypotheses(a: Side, b: Side, config: AlignmentConfig, near: Near | None = None) -> Array:
+    """Returns motions ``a_T_b`` (H, 3), most votes first, at most ``config.hypotheses``.
+
+    Where ``near`` is given, only motions within its gate.
+    """
     if not len(a.lines) or not len(b.lines):
         return np.zeros((0, 3))
     found: list[tuple[float, float, float, float]] = []
-    for theta in rotations(a, b, config):
-        found += [(votes, x, y, theta) for votes, x, y in _shifts(theta, a, b, config)]
+    turns = rotations(a, b, config)
+    if near is not None:
+        turns = turns[near.allows(turns, math.radians(config.angle_deg))]
+    for theta in turns:
+        found += [(votes, x, y, theta) for votes, x, y in _shifts(theta, a, b, config, near)]
     if not found:
         return np.zeros((0, 3))
     table = np.array(found)
@@ -97,7 +139,7 @@ def parallel_pairs(
 
 
 def _shifts(
-    theta: float, a: Side, b: Side, config: AlignmentConfig
+    theta: float, a: Side, b: Side, config: AlignmentConfig, near: Near | None
 ) -> list[tuple[float, float, float]]:
     """Returns (votes, x, y) of the shifts that most common length speaks for, after a turn."""
     i, j = parallel_pairs(theta, a, b, config)
@@ -114,6 +156,12 @@ def _shifts(
     line = np.column_stack([shift, across])
     ends = points_on_line(line[:, None], span).reshape(-1, 2)
     low, high = ends.min(axis=0), ends.max(axis=0)
+    if near is not None:
+        middle, half = near.box(theta, centre)
+        low = np.maximum(low, middle - half - config.far_m)
+        high = np.minimum(high, middle + half + config.far_m)
+        if np.any(high <= low):
+            return []
     cell = max(config.cell_m, float((high - low).max()) / MOST_CELLS)
     shape = np.ceil((high - low) / cell).astype(np.int64) + 1
     votes = np.zeros((int(shape[0]), int(shape[1])))

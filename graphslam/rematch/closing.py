@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from graphslam.association import gate_for, mahalanobis
+from graphslam.association import gate_for
 from graphslam.config import RematchConfig
-from graphslam.geometry import Array, between, rotation, wrap
+from graphslam.geometry import Array
 from graphslam.line_maps.alignment import Alignment, find_alignments
 from graphslam.line_maps.ambiguity import ambiguity
 from graphslam.line_maps.config import AlignmentConfig
-from graphslam.models.odometry import transition
+from graphslam.line_maps.votes import Near
+from graphslam.measurements import IntArray
 from graphslam.rematch.fitted import Fitted
+from graphslam.rematch.spread import Spread
 from graphslam.rematch.submaps import Submap
 
 ALIGNING = AlignmentConfig(hypotheses=12, most=4)
 """Fewer motions are tried than for whole maps: odometry says roughly where to look."""
+NEIGHBOURS, MOST = 96, 32
+"""A submap is compared with the nearest `MOST` of its nearest `NEIGHBOURS`; see `candidates`."""
 JOINED = 3
 """Submaps that share so many landmarks are on each other already."""
 COMMON = 2
@@ -97,71 +103,67 @@ def _closings(
     fitted: Fitted, maps: tuple[Submap, ...], config: RematchConfig, slips: bool
 ) -> Iterator[Closing]:
     """Yields the ways to lay later submaps on earlier ones that odometry allows."""
-    spread = _Spread(fitted)
+    spread = Spread(fitted)
     gate = gate_for(config.gate, DIM)
-    for b, later in enumerate(maps):
-        for a, earlier in enumerate(maps[:b]):
-            shared = len(np.intersect1d(earlier.landmark, later.landmark))
-            if earlier.last > later.first or shared >= JOINED:
+    for a, b in candidates(maps, spread, config.submap_m, np.inf if slips else math.sqrt(gate)):
+        earlier, later = maps[a], maps[b]
+        near = None if slips else Near(*spread.relative(earlier.first, later.first), gate)
+        for alignment in find_alignments(earlier.lines, later.lines, ALIGNING, near):
+            if not alignment.fixed or len(alignment.matches) <= COMMON:
                 continue
-            if not slips and not spread.may_meet(earlier, later, config.submap_m, gate):
-                continue
-            for alignment in find_alignments(earlier.lines, later.lines, ALIGNING):
-                if not alignment.fixed or len(alignment.matches) <= COMMON:
-                    continue
-                if slips or spread.distance(earlier.first, later.first, alignment) <= gate:
-                    pairs = zip(
-                        earlier.landmark[alignment.matches[:, 0]].tolist(),
-                        later.landmark[alignment.matches[:, 1]].tolist(),
-                        strict=True,
-                    )
-                    yield Closing(a, b, frozenset(pairs), alignment.score_m, alignment)
+            if slips or spread.distance(earlier.first, later.first, alignment) <= gate:
+                pairs = zip(
+                    earlier.landmark[alignment.matches[:, 0]].tolist(),
+                    later.landmark[alignment.matches[:, 1]].tolist(),
+                    strict=True,
+                )
+                yield Closing(a, b, frozenset(pairs), alignment.score_m, alignment)
 
 
-class _Spread:
-    """How far odometry may be off between any two nodes."""
+def candidates(
+    maps: tuple[Submap, ...], spread: Spread, reach: float, sigmas: float
+) -> list[tuple[int, int]]:
+    """Returns pairs of an earlier and a later submap that may be one place, in order.
 
-    def __init__(self, fitted: Fitted) -> None:
-        odometry = fitted.problem.measurements.odometry
-        self.pose = pose = fitted.problem.pose
-        _, Q, _ = transition(pose[:-1], pose[1:], odometry.increment, odometry.cov)
-        A = _about(-pose[1:, :2])
-        self.total = np.concatenate([np.zeros((1, 3, 3)), np.cumsum(A @ Q @ _T(A), axis=0)])
+    Each later one is compared with the `MOST` earlier ones that are nearest by what odometry is
+    sure of, of the `NEIGHBOURS` nearest in all: the number of pairs grows with the length of the
+    path, not with its square.
 
-    def cov(self, i: int, j: int) -> Array:
-        """Returns the covariance (3, 3) of node j's pose as seen from node i, floor frame."""
-        A = _about(self.pose[j, :2])
-        return np.asarray(A @ (self.total[j] - self.total[i]) @ A.T)
-
-    def may_meet(self, a: Submap, b: Submap, reach: float, gate: float) -> bool:
-        """Returns whether two stretches of the path may have come within ``reach``, m."""
-        i, j = (a.first + a.last) // 2, (b.first + b.last) // 2
-        apart = self.pose[j, :2] - self.pose[i, :2]
-        way = float(np.hypot(*apart))
-        if way <= reach:
-            return True
-        toward = apart / way
-        sigma = float(np.sqrt(toward @ self.cov(i, j)[:2, :2] @ toward))
-        return bool(way - reach <= np.sqrt(gate) * sigma)
-
-    def distance(self, i: int, j: int, alignment: Alignment) -> float:
-        """Returns the squared Mahalanobis distance of a motion between nodes from odometry's."""
-        e = alignment.motion - between(self.pose[i], self.pose[j])
-        turn = np.eye(3)
-        turn[:2, :2] = rotation(-self.pose[i, 2])
-        S = turn @ self.cov(i, j) @ turn.T + alignment.cov
-        return float(mahalanobis(np.array([e[0], e[1], wrap(e[2])]), S))
+    Args:
+        maps: of stretches of the path, in order.
+        spread: how far odometry may be off.
+        reach: how far two stretches that meet may be apart, m.
+        sigmas: largest number of standard deviations by which they are farther apart.
+    """
+    middle = np.array([(m.first + m.last) // 2 for m in maps], np.int64)
+    a, b = _neighbours(spread.pose[middle, :2].reshape(-1, 2))
+    passed = np.array([m.last for m in maps])[a] <= np.array([m.first for m in maps])[b]
+    a, b = a[passed], b[passed]
+    away = spread.apart(middle[a], middle[b], reach)
+    kept, count = [], Counter[int]()
+    for k in np.lexsort((a, away)).tolist():
+        pair = int(a[k]), int(b[k])
+        if away[k] > sigmas or count[pair[1]] == MOST or _joined(*(maps[n] for n in pair)):
+            continue
+        count[pair[1]] += 1
+        kept.append(pair)
+    return sorted(kept)
 
 
-def _T(A: Array) -> Array:
-    return np.asarray(np.swapaxes(A, -1, -2))
+def _neighbours(place: Array) -> tuple[IntArray, IntArray]:
+    """Returns pairs (k,), (k,) of places (n, 2), each with its `NEIGHBOURS` nearest, in order."""
+    if len(place) < 2:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    near = cKDTree(place).query(place, k=min(NEIGHBOURS, len(place)))[1]
+    own = np.broadcast_to(np.arange(len(place))[:, None], near.shape)
+    pairs = np.sort(np.column_stack([own.ravel(), near.ravel()]), axis=1)
+    pairs = np.unique(pairs[pairs[:, 0] < pairs[:, 1]], axis=0)
+    return pairs[:, 0], pairs[:, 1]
 
 
-def _about(lever: Array) -> Array:
-    """Returns (..., 3, 3) what a small motion is at a point ``lever`` (..., 2) away."""
-    out = np.broadcast_to(np.eye(3), (*lever.shape[:-1], 3, 3)).copy()
-    out[..., 0, 2], out[..., 1, 2] = -lever[..., 1], lever[..., 0]
-    return out
+def _joined(a: Submap, b: Submap) -> bool:
+    """Returns whether two submaps share so many landmarks that they are on each other already."""
+    return len(np.intersect1d(a.landmark, b.landmark, assume_unique=True)) >= JOINED
 
 
 def _groups(found: list[Closing]) -> list[list[Closing]]:

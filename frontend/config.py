@@ -11,6 +11,7 @@ from graphslam.errors import BadConfig
 Method = Literal["lsd", "hough-p", "hough"]
 Polarity = Literal["dark", "bright", "both"]
 SigmaLaw = Literal["measured", "paper"]
+Hsv = tuple[int, int, int]
 Binarise = Literal["canny", "global"]
 
 CHOICES: dict[str, tuple[str, ...]] = {
@@ -210,6 +211,74 @@ class LampConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class TagConfig:
+    """The coloured tags of a robot in images of an overhead camera."""
+
+    centre_low: Hsv = (100, 90, 30)
+    """Colour of the tag in the robot's centre (blue): smallest hue (0 to 179, two degrees each),
+    saturation and value (0 to 255). A hue above that of the largest goes over the end of the
+    circle, as red does."""
+    centre_high: Hsv = (130, 255, 255)
+    """The largest."""
+    front_low: Hsv = (40, 70, 30)
+    """Colour of the tag at its front (green): smallest hue, saturation and value."""
+    front_high: Hsv = (85, 255, 255)
+    """The largest."""
+    open_px: int = 3
+    """Specks of colour narrower than this are removed, pixels; 0 and 1 remove none."""
+    close_px: int = 3
+    """Holes narrower than this are closed, pixels; 0 and 1 close none."""
+    min_area_px: float = 12.0
+    """Smallest blob that is looked at, pixels."""
+    size_ratio: tuple[float, float] = (0.5, 2.0)
+    """Smallest and largest area of a tag over the stated one; beyond it is partly hidden, or merged
+    with something else. Only where log.toml gives the diameter."""
+    distance_tolerance_m: float = 0.015
+    """Largest difference between the distance of the tags as seen and as log.toml has it, m."""
+    sigma_law: SigmaLaw = "measured"
+    """Noise of a pose. measured: from the noise of pixels, the size of the tags and their distance.
+    paper: Atali's, the same for all."""
+    sigma_px: float = 0.1
+    """Standard deviation of what calibration, lens and light do to the middle of a tag, pixels
+    along u and along v, beside what whole pixels do to its border."""
+    sigma_m: float = 0.002
+    """Standard deviation of where a tag is on the robot, m along x and along y: the robot tilts,
+    the tag comes loose."""
+    paper_sigma_m: float = 0.1
+    """n_m of Atali's R, m."""
+    paper_sigma_deg: float = 2.0
+    """Floor of the angle in Atali's R, degrees; the paper prints 0."""
+    check: bool = True
+    """Leave poses out that odometry contradicts, those of tags.csv too."""
+
+    def __post_init__(self) -> None:
+        for low, high in (("centre_low", "centre_high"), ("front_low", "front_high")):
+            _check_colour(low, getattr(self, low), getattr(self, high))
+        smallest, largest = self.size_ratio
+        if not 0 < smallest < largest < math.inf:
+            raise BadConfig(f"size_ratio = {self.size_ratio}: needs 0 < first < second")
+        if self.sigma_law not in CHOICES["sigma_law"]:
+            raise BadConfig(f"sigma_law = {self.sigma_law!r}: must be measured or paper")
+        for name in ("open_px", "close_px", "sigma_px", "sigma_m"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise BadConfig(f"{name} = {getattr(self, name)}: must be finite, not negative")
+        for name in ("min_area_px", "distance_tolerance_m", "paper_sigma_m", "paper_sigma_deg"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise BadConfig(f"{name} = {getattr(self, name)}: must be finite and positive")
+
+
+def _check_colour(name: str, low: Hsv, high: Hsv) -> None:
+    most = (179, 255, 255)
+    if any(not 0 <= v <= m for limit in (low, high) for v, m in zip(limit, most, strict=True)):
+        raise BadConfig(
+            f"{name} = {list(low)} or its high limit {list(high)}: hue is 0 to 179 (two degrees "
+            "each), saturation and value are 0 to 255"
+        )
+    if low[1] > high[1] or low[2] > high[2]:
+        raise BadConfig(f"{name} = {list(low)}: saturation or value is above the high limit's")
+
+
+@dataclass(frozen=True, slots=True)
 class NoiseConfig:
     """Noise of wheels and sightings, in place of what log.toml and the detector say.
 
@@ -223,6 +292,10 @@ class NoiseConfig:
     slip: tuple[float, float, float] | None = None
     """Slip along x, y (m) and of the heading (rad) for each square root of a metre, as in log.toml;
     absent: log.toml's."""
+    process_mps: float | None = None
+    """Atali's Q in place of the wheels' noise and slip: this many metres (x, y) and radians
+    (heading) of standard deviation for each second between nodes; the paper's n_p is 2. Absent: the
+    wheels' noise."""
     rho_factor: float = 1.0
     """Factor on the standard deviation of rho of every line sighting, the detector's or that of
     sightings.csv."""
@@ -237,6 +310,8 @@ class NoiseConfig:
         for value in (self.noise_left, self.noise_right, *(self.slip or ())):
             if value is not None and not 0 <= value <= 1e9:
                 raise BadConfig(f"noise or slip = {value}: must be from 0 to 1e9")
+        if self.process_mps is not None and not 0 < self.process_mps <= 1e9:
+            raise BadConfig(f"process_mps = {self.process_mps}: must be above 0, at most 1e9")
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,6 +321,7 @@ class ExtractConfig:
     detector: DetectorConfig = field(default_factory=DetectorConfig)
     omni: OmniConfig = field(default_factory=OmniConfig)
     lamps: LampConfig = field(default_factory=LampConfig)
+    tags: TagConfig = field(default_factory=TagConfig)
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     """Noise in place of what log.toml and the detector say."""
     workers: int = 0

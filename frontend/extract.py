@@ -18,14 +18,14 @@ from frontend.nodes import (
     odometry_part,
     odometry_times,
 )
+from frontend.pose_fixes import fix_warnings, pose_fixes, start_of
+from frontend.sighting_tables import at_nodes as _at_nodes
+from frontend.sighting_tables import table as _table
 from frontend.truth import true_lines, true_points
 from graphslam.geometry import Array, wrap
-from graphslam.measurements import IntArray, Measurements, Sightings
+from graphslam.measurements import Measurements, Sightings
 
 Progress = Callable[[int, int], None]
-
-KNOWN_SIGMA = 1e-6
-"""Smallest standard deviation of the start, m and rad: known exactly, yet invertible."""
 
 UNREADABLE = "image that cannot be read"
 NODE_OUTSIDE = "node outside the wheel record"
@@ -34,7 +34,6 @@ UNREADABLE_CURE = {
     False: "see what the camera's driver reports",
 }
 LINE_OUTSIDE = "line outside the wheel record"
-FIX_OUTSIDE = "pose fix outside the wheel record"
 UNREADABLE_OMNI = "omnidirectional image that cannot be read"
 BEARING_OUTSIDE = "bearing outside the wheel record"
 LAMP_OUTSIDE = "lamp outside the wheel record"
@@ -68,18 +67,21 @@ def extract(
     lines = _given_lines(log, nodes.of_lines, t, rejected)
     if lines is None:
         lines = _seen_lines(log, nodes, config, rejected, progress)
+    odometry = odometry_at(log, t, config.noise)
+    fixes = pose_fixes(log, nodes, odometry, config, rejected, progress)
+    start_pose, start_cov = start_of(log, fixes, odometry)
     tables = (
         _with_noise(lines, config.noise),
-        _pose_fixes(log, nodes.chosen, t, rejected),
+        fixes,
         _bearings(log, nodes.chosen, t, rejected),
         _seen_bearings(log, nodes, config, rejected),
         _lamps(log, nodes.chosen, t, rejected),
     )
     return Measurements(
         t=t,
-        start_pose=log.start_pose,
-        start_cov=np.diag(np.maximum(log.start_sigma, KNOWN_SIGMA) ** 2),
-        odometry=odometry_at(log, t, config.noise),
+        start_pose=start_pose,
+        start_cov=start_cov,
+        odometry=odometry,
         sightings={table.kind: table for table in tables if table is not None},
         known=log.landmarks if config.landmarks == "known" else None,
         rejected={reason: count for reason, count in sorted(rejected.items()) if count},
@@ -130,6 +132,7 @@ def extraction_warnings(log: Log, measurements: Measurements) -> tuple[str, ...]
             "lines of one direction only were seen: the position along them is not observed; "
             "drive where lines cross"
         )
+    found += fix_warnings(log, measurements)
     return tuple(found)
 
 
@@ -146,14 +149,6 @@ def _first_unreadable(log: Log, measurements: Measurements) -> str:
 
 
 # ---- sightings that the log gives -------------------------------------------------------------
-
-
-def _at_nodes(times: Array, chosen: Array, t: Array) -> tuple[IntArray, IntArray, int]:
-    """Returns the rows at nodes, their nodes, and how many were chosen but lie at no node."""
-    node = np.minimum(np.searchsorted(t, times), len(t) - 1)
-    at_node = (t[node] == times) & np.isin(times, chosen)
-    lost = np.isin(times, chosen) & ~at_node
-    return np.flatnonzero(at_node), node[at_node], int(lost.sum())
 
 
 def _given_lines(log: Log, chosen: Array, t: Array, rejected: Counter[str]) -> Sightings | None:
@@ -180,14 +175,6 @@ def _with_noise(lines: Sightings | None, noise: NoiseConfig) -> Sightings | None
         return lines
     factors = np.array([noise.rho_factor, noise.alpha_factor])
     return replace(lines, cov=lines.cov * np.outer(factors, factors))
-
-
-def _pose_fixes(log: Log, chosen: Array, t: Array, rejected: Counter[str]) -> Sightings | None:
-    given = log.pose_fixes
-    if given is None:
-        return None
-    rows, node, rejected[FIX_OUTSIDE] = _at_nodes(given.t, chosen, t)
-    return _table("pose_fix", node, given.z[rows], given.cov[rows], given.t_received[rows])
 
 
 def _bearings(log: Log, chosen: Array, t: Array, rejected: Counter[str]) -> Sightings | None:
@@ -245,35 +232,6 @@ def _lamps(log: Log, chosen: Array, t: Array, rejected: Counter[str]) -> Sightin
         given.cov[rows],
         given.t_received[rows],
         truth=given.truth[rows],
-    )
-
-
-def _table(
-    kind: str,
-    node: IntArray,
-    z: Array,
-    cov: Array,
-    t_received: Array,
-    extent: Array | None = None,
-    quality: Array | None = None,
-    source: IntArray | None = None,
-    truth: IntArray | None = None,
-    label: IntArray | None = None,
-) -> Sightings:
-    """Returns a table of sightings with 'unknown' in the columns that are not given."""
-    count = len(node)
-    none = np.full(count, -1, np.int64)
-    return Sightings(
-        kind,
-        node,
-        z,
-        cov,
-        np.full((count, 2), np.nan) if extent is None else extent,
-        t_received,
-        np.full(count, np.nan) if quality is None else quality,
-        none if source is None else source,
-        none if truth is None else truth,
-        none if label is None else label,
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from frontend.camera import Camera
 from frontend.columns import freeze, read_only
 from frontend.omni import OmniCamera
+from frontend.overhead import OverheadCamera
 from frontend.recorded import RecordedImage, ScanList
 from graphslam.errors import BadLog
 from graphslam.geometry import Array
@@ -210,6 +211,7 @@ class Log:
         lamps: lamps already detected, or None.
         landmarks: landmarks of any kind but lines that are known beforehand, or None.
         omni: cameras that see all around, by name.
+        overhead: cameras that watch the robot from above, by name.
     """
 
     name: str
@@ -236,10 +238,11 @@ class Log:
     lamps: LampSightings | None = None
     landmarks: LandmarkMap | None = None
     omni: Mapping[str, OmniCamera] = field(default_factory=dict)
+    overhead: Mapping[str, OverheadCamera] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "cameras", MappingProxyType(dict(self.cameras)))
-        object.__setattr__(self, "omni", MappingProxyType(dict(self.omni)))
+        for name in ("cameras", "omni", "overhead"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         object.__setattr__(self, "labels", MappingProxyType({**FILES, **self.labels}))
         for name in ("start_pose", "start_sigma"):
             object.__setattr__(self, name, read_only(name, getattr(self, name), (3,)))
@@ -266,6 +269,20 @@ class Log:
         if self.images is None or self.bearings is not None:
             return np.zeros(0, np.int64)
         return np.flatnonzero([name in self.omni for name in self.images.camera])
+
+    def overhead_images(self) -> IntArray:
+        """Returns the numbers (row in `images`) of the images that are searched for tags.
+
+        Beside pose fixes that were already measured there are none.
+        """
+        if self.images is None or self.pose_fixes is not None:
+            return np.zeros(0, np.int64)
+        return np.flatnonzero([name in self.overhead for name in self.images.camera])
+
+    def searched_images(self) -> IntArray:
+        """Returns the numbers of all images that are searched for anything, in order."""
+        kinds = (self.floor_images(), self.omni_images(), self.overhead_images())
+        return np.unique(np.concatenate(kinds))
 
     def where(self, part: str) -> str:
         """Returns where a part of the log is, as messages say it: a file, or a topic of a file."""

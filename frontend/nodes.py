@@ -15,6 +15,7 @@ from graphslam.models.odometry import (
     DifferentialDrive,
     increments_from_poses,
     increments_from_wheels,
+    process_covariance,
 )
 
 
@@ -73,7 +74,7 @@ def line_times(log: Log) -> tuple[Array, Array]:
     """
     seen = [np.zeros(0)]
     if log.images is not None:
-        seen += [log.images.t[log.floor_images()], log.images.t[log.omni_images()]]
+        seen.append(log.images.t[log.searched_images()])
     if log.sightings is not None:
         seen.append(log.sightings.t)
     main = np.unique(np.concatenate(seen))
@@ -117,8 +118,13 @@ def assumed_drive(log: Log, noise: NoiseConfig) -> DifferentialDrive:
 def odometry_at(log: Log, t: Array, noise: NoiseConfig) -> Odometry:
     """Returns the odometry between nodes at times (N,), s, increasing, within the wheel record."""
     drive = assumed_drive(log, noise)
+    raw: tuple[Array, Array] | tuple[()] = ()
     if log.wheels is not None:
         increment, cov = increments_from_wheels(log.wheels.t, log.wheels.angle, t, drive)
-        return Odometry(increment, cov, log.wheels.t, log.wheels.angle)
-    assert log.odometry is not None, "a log without odometry cannot be made"
-    return Odometry(*increments_from_poses(log.odometry.t, log.odometry.pose, t, drive))
+        raw = log.wheels.t, log.wheels.angle
+    else:
+        assert log.odometry is not None, "a log without odometry cannot be made"
+        increment, cov = increments_from_poses(log.odometry.t, log.odometry.pose, t, drive)
+    if noise.process_mps is not None:
+        cov = process_covariance(np.diff(t), noise.process_mps)
+    return Odometry(increment, cov, *raw)

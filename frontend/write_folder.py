@@ -9,7 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from frontend.camera import Camera
 from frontend.log import DEFAULT_CAMERA, UNKNOWN_WHEELS, LineSightings, Log, PoseFixes
+from frontend.overhead import OverheadCamera
 from frontend.readers.log_toml import FORMAT
 from graphslam.geometry import Array
 from graphslam.measurements import LandmarkMap
@@ -137,18 +139,39 @@ def description(log: Log) -> list[str]:
         lines += ["", f"[{table}]", f"image_size = {list(camera.image_size)}"]
         if name != DEFAULT_CAMERA:
             lines.append(f'looks_at = "{camera.looks_at}"')
-        for key in ("homography", "matrix", "distortion"):
-            array = getattr(camera, key)
-            if array is not None:
-                lines.append(f"{key} = {toml(array)}")
-        if camera.lens != "plain":
-            lines.append(f'lens = "{camera.lens}"')
+        lines += _lens(camera)
         if camera.ignore_px:
             lines.append(f"ignore_px = {[list(corners) for corners in camera.ignore_px]}")
+    for name, eye in log.overhead.items():
+        lines += ["", *_overhead(name, eye)]
     if log.start_given:
         pose, sigma = toml(log.start_pose), toml(log.start_sigma)
         lines += ["", "[start]", f"pose = {pose}", f"sigma = {sigma}"]
     return lines
+
+
+def _lens(camera: Camera) -> Iterable[str]:
+    for key in ("homography", "matrix", "distortion"):
+        array = getattr(camera, key)
+        if array is not None:
+            yield f"{key} = {toml(array)}"
+    if camera.lens != "plain":
+        yield f'lens = "{camera.lens}"'
+
+
+def _overhead(name: str, eye: OverheadCamera) -> Iterable[str]:
+    """Yields the lines of a camera that watches the robot from above, and of its tags."""
+    table = f"cameras.{text(name)}"
+    yield from (f"[{table}]", 'looks_at = "overhead"')
+    yield f"image_size = {list(eye.camera.image_size)}"
+    yield from _lens(eye.camera)
+    if eye.position is not None:
+        yield f"position = {toml(eye.position)}"
+    yield from ("", f"[{table}.tags]")
+    for key in ("front", "centre", "diameter", "height"):
+        value = getattr(eye.tags, key)
+        if value is not None:
+            yield f"{key} = {toml(value)}"
 
 
 def toml(value: float | Sequence[float] | Array) -> str:

@@ -18,6 +18,7 @@ from frontend.readers.log_toml import (
     RobotTable,
     floor_cameras,
     omni_cameras,
+    overhead_cameras,
     read_log_toml,
 )
 from frontend.readers.scans_npz import read_scans
@@ -55,6 +56,7 @@ def read_folder(folder: Path) -> Log:
     settings = read_log_toml(settings_path)
     cameras, elsewhere = floor_cameras(settings_path, settings)
     omni = omni_cameras(settings_path, settings)
+    overhead = overhead_cameras(settings_path, settings)
     wheels = _optional(folder / "wheels.csv", tables.read_wheels)
     odometry = _optional(folder / "odometry.csv", tables.read_odometry)
     if wheels is None and odometry is None:
@@ -93,8 +95,9 @@ def read_folder(folder: Path) -> Log:
         lamps=_optional(folder / "lamps.csv", lambda path: points.read_lamps(path, others)),
         landmarks=others,
         omni=omni,
+        overhead=overhead,
     )
-    unused = [name for name in elsewhere if name not in omni]
+    unused = [name for name in elsewhere if name not in (*omni, *overhead)]
     warnings = (*notes, *_unused(unused), *_doubtful(log))
     log = replace(log, warnings=warnings, digest=_digest(log))
     return replace(with_camera_offset(log, settings.time.camera_offset), offset_s=0.0)
@@ -171,9 +174,13 @@ def _doubtful(log: Log) -> Iterator[str]:
             "bearings.csv: images are not searched for landmarks, because bearings already "
             "measured are there"
         )
+    if log.images is not None and log.overhead and log.pose_fixes is not None:
+        yield (
+            "tags.csv: images of overhead cameras are not searched for tags, because poses already "
+            "measured are there"
+        )
     given = (log.sightings, log.pose_fixes, log.bearings, log.lamps)
-    searched = len(log.floor_images()) + len(log.omni_images())
-    if not searched and all(part is None for part in given):
+    if not len(log.searched_images()) and all(part is None for part in given):
         yield (
             "no images that are searched, sightings.csv, bearings.csv, lamps.csv or tags.csv: "
             "there is only odometry to estimate from"
@@ -184,7 +191,7 @@ def _digest(log: Log) -> str:
     """Returns the SHA-256, hexadecimal, of all files used: names, sizes, content, fixed order."""
     paths = [path for name in USED if _is_there(path := log.folder / name)]
     named = [(path.name, path) for path in paths]
-    numbers = log.omni_images()
+    numbers = np.union1d(log.omni_images(), log.overhead_images())
     if log.sightings is None:  # else no image of the floor is opened
         numbers = np.union1d(log.floor_images(), numbers)
     if log.images is not None and len(numbers):

@@ -13,7 +13,9 @@ import numpy as np
 from frontend.camera import LOOKS_AT, Camera
 from frontend.log import DEFAULT_CAMERA, UNKNOWN_WHEELS
 from frontend.omni import BearingCorrection, OmniCamera
+from frontend.overhead import OverheadCamera
 from frontend.readers.omni_toml import OmniTable
+from frontend.readers.overhead_toml import OverheadTable
 from frontend.strict import from_dict, load_toml, nearest
 from graphslam.errors import BadConfig, BadLog
 from graphslam.models.odometry import DifferentialDrive
@@ -198,6 +200,23 @@ def omni_cameras(path: Path, content: LogTable) -> dict[str, OmniCamera]:
     for at, name, table, looks_at in _cameras(path, content):
         if looks_at == "omni":
             given = from_dict(OmniTable, table, str(path), BadLog, at)
+            try:
+                cameras[name] = given.camera(name)
+            except BadConfig as refused:
+                raise BadLog(f"{path}: [{at}] {refused}") from None
+    return cameras
+
+
+def overhead_cameras(path: Path, content: LogTable) -> dict[str, OverheadCamera]:
+    """Returns the cameras that watch the robot from above.
+
+    Raises:
+        BadLog: a camera is described wrongly.
+    """
+    cameras: dict[str, OverheadCamera] = {}
+    for at, name, table, looks_at in _cameras(path, content):
+        if looks_at == "overhead":
+            given = from_dict(OverheadTable, table, str(path), BadLog, at)
             try:
                 cameras[name] = given.camera(name)
             except BadConfig as refused:

@@ -29,6 +29,8 @@ class Drive:
         wheel_true: (W, 2) true cumulative angles, left and right, rad.
         wheel_angle: (W, 2) what the encoders say of them, rad.
         frame_t: (I,) times of the frames (images, or sightings without), s, increasing from 0.
+        overhead_t: (J,) times of the images of the camera overhead, s, increasing from 0; none
+            without one.
     """
 
     t: Array
@@ -37,10 +39,15 @@ class Drive:
     wheel_true: Array
     wheel_angle: Array
     frame_t: Array
+    overhead_t: Array
 
     def pose_at_frames(self) -> Array:
         """Returns the true poses (I, 3) at the frames, floor frame."""
-        return self.pose[np.searchsorted(self.t, self.frame_t)]
+        return self.pose_at(self.frame_t)
+
+    def pose_at(self, t: Array) -> Array:
+        """Returns the true poses (k, 3) at times (k,) of readings or frames, floor frame."""
+        return self.pose[np.searchsorted(self.t, t)]
 
 
 def drive(scenario: Scenario, wheels: np.random.Generator, slip: np.random.Generator) -> Drive:
@@ -56,15 +63,16 @@ def drive(scenario: Scenario, wheels: np.random.Generator, slip: np.random.Gener
         slip: decides the slip.
     """
     wheel_t, wheel_true = plan(scenario)
-    count = math.floor(wheel_t[-1] * scenario.rate + 1e-6) + 1
-    frame_t = np.round(np.arange(count) / scenario.rate, TIME_DECIMALS)
-    frame_t = frame_t[frame_t <= wheel_t[-1]]
-    t = np.union1d(wheel_t, frame_t)
+    frame_t = _frame_times(scenario.rate, wheel_t[-1])
+    overhead = scenario.overhead
+    overhead_t = np.zeros(0) if overhead is None else _frame_times(overhead.rate, wheel_t[-1])
+    looks = np.union1d(frame_t, overhead_t)
+    t = np.union1d(wheel_t, looks)
     angle = np.column_stack([np.interp(t, wheel_t, column) for column in wheel_true.T])
     steps = np.diff(angle, axis=0)
     pose = _true_poses(steps, scenario, slip)
     if scenario.robot.law == "paper":
-        interval = np.searchsorted(frame_t, t[:-1], side="right") - 1
+        interval = np.searchsorted(looks, t[:-1], side="right") - 1
         error = _paper_noise(steps, interval, scenario.robot, wheels)
         error = error[np.searchsorted(t, wheel_t)]
     else:
@@ -73,7 +81,14 @@ def drive(scenario: Scenario, wheels: np.random.Generator, slip: np.random.Gener
     if scenario.encoder.ticks:
         tick = 2.0 * math.pi / scenario.encoder.ticks
         measured = np.round(measured / tick) * tick
-    return Drive(t, pose, wheel_t, wheel_true, measured, frame_t)
+    return Drive(t, pose, wheel_t, wheel_true, measured, frame_t, overhead_t)
+
+
+def _frame_times(rate: float, end: float) -> Array:
+    """Returns the times of so many frames a second from 0 to the end, s."""
+    count = math.floor(end * rate + 1e-6) + 1
+    t = np.round(np.arange(count) / rate, TIME_DECIMALS)
+    return np.asarray(t[t <= end])
 
 
 def plan(scenario: Scenario) -> tuple[Array, Array]:

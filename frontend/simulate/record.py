@@ -4,22 +4,30 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.extract import extract
 from frontend.log import DEFAULT_CAMERA, Log, PoseTrack, Wheels
 from frontend.simulate.drive import Drive, drive
+from frontend.simulate.overhead import (
+    build_workspace,
+    draw_fixes,
+    hidden_frames,
+    render_overhead,
+)
 from frontend.simulate.render import pixel_grid, render
 from frontend.simulate.scenario import Scenario
 from frontend.simulate.sightings import camera_in_log, draw_sightings
 from frontend.simulate.view import camera_of
-from frontend.simulate.world import build_world, floor_lines, floor_stretches
+from frontend.simulate.workspace import NAME, overhead_camera
+from frontend.simulate.world import World, build_world, floor_lines, floor_stretches
 from frontend.write_folder import write_images_csv, write_log
 from graphslam.errors import BadConfig
 from graphslam.geometry import Array
@@ -53,7 +61,7 @@ def simulate(
     """
     out = Path(out)
     _refuse_existing(out)
-    if images and scenario.camera is None:
+    if images and scenario.camera is None and (scenario.overhead is None or scenario.sees_lines):
         raise BadConfig(
             f"{scenario.name}: has no [camera] to render images with; add one, or simulate without "
             "images (--no-images)"
@@ -94,13 +102,16 @@ def simulate_log(scenario: Scenario, seed: int = 0) -> Log:
     """
     streams = _streams(seed)
     run = _drive(scenario, streams)
-    seen = draw_sightings(scenario, run, streams[4])
-    first = np.searchsorted(run.frame_t, seen.t[0]) if len(seen.t) else 0
+    seen = draw_sightings(scenario, run, streams[4]) if scenario.sees_lines else None
+    fixes = None if scenario.overhead is None else draw_fixes(scenario, run, streams[5])
+    first = min(
+        (part.t[0] for part in (seen, fixes) if part is not None and len(part.t)), default=0.0
+    )
     camera = camera_in_log(scenario)
-    start = run.pose_at_frames()[first]
+    start = run.pose_at(np.array([first]))[0]
     log = _log(scenario, run, start, {} if camera is None else {DEFAULT_CAMERA: camera})
     digest = hashlib.sha256(f"{scenario.digest()} {seed}".encode()).hexdigest()
-    return replace(log, sightings=seen, digest=digest)
+    return replace(log, sightings=seen, pose_fixes=fixes, digest=digest)
 
 
 def simulate_measurements(scenario: Scenario, seed: int = 0) -> Measurements:
@@ -109,10 +120,10 @@ def simulate_measurements(scenario: Scenario, seed: int = 0) -> Measurements:
 
 
 def _streams(seed: int) -> list[np.random.SeedSequence]:
-    """Returns the seeds of wheels, slip, the floor's patterns, pixels and sightings."""
+    """Returns the seeds of wheels, slip, the floor's patterns, pixels, sightings and tags."""
     if seed < 0:
         raise BadConfig(f"seed = {seed}: must be 0 or more")
-    return np.random.SeedSequence(seed).spawn(5)
+    return np.random.SeedSequence(seed).spawn(6)
 
 
 def _drive(scenario: Scenario, streams: list[np.random.SeedSequence]) -> Drive:
@@ -152,6 +163,7 @@ def _log(scenario: Scenario, run: Drive, start: Array, cameras: dict[str, Camera
         ),
         warnings=(),
         digest="",
+        overhead={} if scenario.overhead is None else {NAME: overhead_camera(scenario.overhead)},
     )
 
 
@@ -161,24 +173,89 @@ def _write_with_images(
     streams: list[np.random.SeedSequence],
     progress: Progress | None,
 ) -> None:
-    assert scenario.camera is not None, "checked before"
-    camera = camera_of(scenario.camera)
     run = _drive(scenario, streams)
     start = scenario.start
     pose = np.array([start.x, start.y, np.deg2rad(start.heading_deg)])
-    write_log(folder, _log(scenario, run, pose, {DEFAULT_CAMERA: camera}), exact=False)
+    cameras = {} if scenario.camera is None else {DEFAULT_CAMERA: camera_of(scenario.camera)}
+    log = _log(scenario, run, pose, cameras)
+    write_log(folder, log, exact=False)
     world = build_world(scenario, np.random.default_rng(streams[2]))
-    pixels = np.random.default_rng(streams[3])
-    grid = pixel_grid(camera, scenario.light)
-    quality = scenario.camera.jpeg_quality
-    options = [cv2.IMWRITE_JPEG_QUALITY, quality] if quality else []
+    series = [
+        part
+        for part in (
+            _floor_images(scenario, world, run, streams[3], cameras),
+            _overhead_images(scenario, world, run, streams[3], streams[5]),
+        )
+        if part is not None
+    ]
+    t = np.concatenate([part.t for part in series])
+    files = [file for part in series for file in part.files]
+    names = [part.camera for part in series for _ in part.files]
+    order = np.argsort(t, kind="stable").tolist()
+    write_images_csv(folder, t[order], [files[k] for k in order], [names[k] for k in order])
+    done = 0
+    for part in series:
+        (folder / part.files[0]).parent.mkdir()
+        options = [cv2.IMWRITE_JPEG_QUALITY, part.quality] if part.quality else []
+        for file, image in zip(part.files, part.pictures, strict=True):
+            data = cv2.imencode(Path(file).suffix, image, options)[1]
+            (folder / file).write_bytes(data.tobytes())
+            done += 1
+            if progress is not None:
+                progress(done, len(files))
+
+
+@dataclass(frozen=True, slots=True)
+class _Series:
+    """The images of one camera: their times, files, quality, and what draws them in order."""
+
+    camera: str
+    t: Array
+    files: list[str]
+    quality: int
+    pictures: Iterator[NDArray[np.uint8]]
+
+
+def _files(folder: str, count: int, quality: int) -> list[str]:
     suffix = "jpg" if quality else "png"
-    files = [f"images/{number:06d}.{suffix}" for number in range(len(run.frame_t))]
-    write_images_csv(folder, run.frame_t, files)
-    (folder / "images").mkdir()
-    frames = zip(files, run.frame_t, run.pose_at_frames(), strict=True)
-    for done, (file, t, pose) in enumerate(frames, start=1):
-        image = render(scenario, world, grid, pose, float(t), pixels)
-        (folder / file).write_bytes(cv2.imencode(f".{suffix}", image, options)[1].tobytes())
-        if progress is not None:
-            progress(done, len(files))
+    return [f"{folder}/{number:06d}.{suffix}" for number in range(count)]
+
+
+def _floor_images(
+    scenario: Scenario,
+    world: World,
+    run: Drive,
+    seed: np.random.SeedSequence,
+    cameras: dict[str, Camera],
+) -> _Series | None:
+    if scenario.camera is None:
+        return None
+    grid = pixel_grid(cameras[DEFAULT_CAMERA], scenario.light)
+    pixels, quality = np.random.default_rng(seed), scenario.camera.jpeg_quality
+    frames = zip(run.frame_t.tolist(), run.pose_at_frames(), strict=True)
+    pictures = (render(scenario, world, grid, pose, t, pixels) for t, pose in frames)
+    files = _files("images", len(run.frame_t), quality)
+    return _Series(DEFAULT_CAMERA, run.frame_t, files, quality, pictures)
+
+
+def _overhead_images(
+    scenario: Scenario,
+    world: World,
+    run: Drive,
+    pixel_seed: np.random.SeedSequence,
+    tag_seed: np.random.SeedSequence,
+) -> _Series | None:
+    spec = scenario.overhead
+    if spec is None:
+        return None
+    workspace = build_workspace(scenario, world)
+    lost, tags = map(np.random.default_rng, tag_seed.spawn(2))
+    pixels = np.random.default_rng(pixel_seed.spawn(1)[0])
+    hidden = hidden_frames(spec, run.overhead_t, lost)
+    frames = zip(run.overhead_t.tolist(), run.pose_at(run.overhead_t), hidden, strict=True)
+    pictures = (
+        render_overhead(scenario, workspace, pose, t, bool(covered), pixels, tags)
+        for t, pose, covered in frames
+    )
+    files = _files(NAME, len(run.overhead_t), spec.jpeg_quality)
+    return _Series(NAME, run.overhead_t, files, spec.jpeg_quality, pictures)

@@ -24,6 +24,7 @@ from graphslam.geometry import (
 )
 
 Image = NDArray[np.float32]
+Picture = Image
 
 # a groove is drawn out to this many standard deviations of its soft edge
 REACH = 4.0
@@ -98,13 +99,13 @@ def render(
     points = transform_points(pose, grid.floor)
     lines_robot = line_to_robot(world.lines, pose)
     stretch_robot = world.stretch - position_along(world.lines, pose[:2])[:, None]
-    grey = surface.grey + surface.texture * _sample(world.texture, points)
+    grey = surface.grey + surface.texture * sample(world.texture, points)
     cover = groove_cover(scenario.groove, camera.blur, lines_robot, stretch_robot, grid)
     grey += scenario.groove.contrast * cover
     mess = world.mess
     if mess is not None:
         add_dirt(grey, mess, pose, grid, camera.blur)
-    grey *= 1.0 + light.patches * _sample(world.patches, points)
+    grey *= 1.0 + light.patches * sample(world.patches, points)
     if mess is not None:
         add_shadows(grey, mess, pose, grid, camera.blur)
         add_legs(grey, mess, pose, grid, camera.blur)
@@ -155,7 +156,7 @@ def groove_cover(
     return 1.0 - bare
 
 
-def _sample(tile: Tile, points: Array) -> Image:
+def sample(tile: Tile, points: Array) -> Image:
     """Returns the pattern (H, W) at floor points (H, W, 2), m, floor frame; bilinear."""
     period = TILE_CELLS * tile.cell
     # whole periods off, so that remap's 16-bit coordinates suffice anywhere on the floor

@@ -12,6 +12,7 @@ from frontend.readers.log_toml import LogTable
 from frontend.simulate.checks import positive
 from frontend.simulate.floor import FloorLine, Groove, Light, LineGrid, Mess, Surface
 from frontend.simulate.sensors import CameraSpec, Encoder, SightingSpec
+from frontend.simulate.workspace import OverheadSpec
 from graphslam.errors import BadConfig
 from graphslam.models.odometry import DifferentialDrive
 
@@ -93,6 +94,7 @@ class Scenario:
         light: brightness over floor, image and time.
         mess: dirt, shadows and things on the floor; absent: none.
         sightings: how lines are seen where no images are rendered.
+        overhead: a camera above the work space, and tags on the robot; absent: none.
     """
 
     format: Literal["graphslam-scenario/1"]
@@ -112,6 +114,7 @@ class Scenario:
     light: Light = field(default_factory=Light)
     mess: Mess | None = None
     sightings: SightingSpec = field(default_factory=SightingSpec)
+    overhead: OverheadSpec | None = None
 
     def __post_init__(self) -> None:
         if self.repeat < 1:
@@ -129,15 +132,26 @@ class Scenario:
         """Raises BadConfig unless it is clear how often the robot looks, and how far it sees."""
         if self.camera is not None and self.sightings.rate is not None:
             raise BadConfig("sightings.rate is for floors without a camera: remove it or [camera]")
-        if self.camera is None and None in (self.sightings.rate, self.sightings.reach):
+        if self.overhead is None and not self.sees_lines:
             raise BadConfig(
-                "camera is missing; add a table [camera], or give reach and rate under [sightings]"
+                "camera is missing; add a table [camera], or give reach and rate under "
+                "[sightings], or add [overhead]"
             )
 
     @property
+    def sees_lines(self) -> bool:
+        """Whether the robot looks at the floor, by images or by sightings only."""
+        return self.camera is not None or None not in (self.sightings.rate, self.sightings.reach)
+
+    @property
     def rate(self) -> float:
-        """Frames per second, whether they become images or sightings only."""
+        """Frames per second, whether they become images or sightings only.
+
+        Of a robot that does not look at the floor those of the camera overhead.
+        """
         rate = self.sightings.rate if self.camera is None else self.camera.rate
+        if not self.sees_lines and self.overhead is not None:
+            rate = self.overhead.rate
         assert rate is not None, "checked on entry"
         return rate
 
@@ -145,8 +159,9 @@ class Scenario:
         """Returns the SHA-256 of all that the scenario says, hexadecimal."""
         said = asdict(self)
         # these came later: the digests of scenarios without them stay what they were
-        if self.mess is None:
-            del said["mess"]
+        for name in ("mess", "overhead"):
+            if said[name] is None:
+                del said[name]
         if self.sightings.factor == 1.0:
             del said["sightings"]["factor"]
         if self.camera is not None and self.camera.lens == "plain":

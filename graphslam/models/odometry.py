@@ -349,3 +349,17 @@ def transition(
     F = -inverse @ J_e_i
     Q = inverse @ cov @ np.swapaxes(inverse, -1, -2)
     return F, Q, -(inverse @ e[..., None])[..., 0]
+
+
+def process_covariance(dt: Array, rate: float) -> Array:
+    """Returns covariances (N, 3, 3) of increments that say nothing of wheels, only of time.
+
+    The same along x and y, so that robot and floor frame agree on it.
+
+    Args:
+        dt: (N,) seconds that each increment lasts.
+        rate: standard deviation gathered in a second, m/s along x and y, rad/s of the heading.
+
+    Source: Atali section 4, Q = diag(n_p^2, n_p^2, n_p^2) with n_p = 2 dt (m/s).
+    """
+    return np.square(rate * np.asarray(dt, float))[:, None, None] * np.eye(3)

@@ -58,7 +58,7 @@ def test_images_of_two_cameras_at_one_time_make_one_node(tmp_path: Path):
 
 def test_without_images_nodes_are_the_distinct_times_of_all_sightings(tmp_path: Path):
     folder = write_log(
-        tmp_path, sightings_csv=SIGHTINGS, tags_csv="t,x,y,theta\n0.5,0,0,0\n1,1,0,0\n"
+        tmp_path, sightings_csv=SIGHTINGS, tags_csv="t,x,y,theta\n0.5,0.25,0,0\n1,0.5,0,0\n"
     )
     measurements = extracted(folder)
     assert measurements.t.tolist() == [0, 0.5, 1, 2.5]
@@ -387,7 +387,7 @@ def test_lines_in_recorded_images_are_the_true_ones(shared_data: Path):
 
 def test_every_thins_lines_and_keeps_all_tags(tmp_path: Path):
     lines = "t,rho,alpha\n" + "".join(f"{t},1,0\n" for t in (0, 0.5, 1, 1.5, 2, 2.5))
-    tags = "t,x,y,theta\n" + "".join(f"{t},0,0,0\n" for t in (0.25, 0.5, 1.25))
+    tags = "t,x,y,theta\n" + "0.25,0.125,0,0\n0.5,0.25,0,0\n1.25,0.63,0,0.1\n"
     folder = write_log(tmp_path, sightings_csv=lines, tags_csv=tags)
     measurements = extracted(folder, ExtractConfig(every=2))
     line, fix = measurements.sightings["line"], measurements.sightings["pose_fix"]

@@ -13,6 +13,7 @@ import pytest
 from scipy.stats import chi2
 
 from frontend.log import open_log
+from frontend.overhead import TagMount
 from frontend.simulate import (
     Scenario,
     load_scenario,
@@ -26,6 +27,7 @@ from frontend.simulate.render import pixel_grid, render
 from frontend.simulate.scenario import Motion, Start
 from frontend.simulate.sensors import CameraSpec, Encoder, SightingSpec
 from frontend.simulate.view import camera_of
+from frontend.simulate.workspace import ColouredObject, OverheadSpec
 from frontend.simulate.world import build_world, floor_lines, random_tile
 from frontend.strict import from_dict
 from graphslam.errors import BadConfig
@@ -567,7 +569,7 @@ def test_documented_example_can_be_simulated(tmp_path: Path) -> None:
 def test_every_key_is_documented() -> None:
     text = documented()
     parts = (Scenario, CameraSpec, Encoder, FloorLine, Groove, Light, LineGrid, Motion, Start)
-    for part in (*parts, SightingSpec, Surface):
+    for part in (*parts, SightingSpec, Surface, OverheadSpec, ColouredObject, TagMount):
         for field in fields(part):
             assert re.search(rf"`(\w+\.)?{field.name}`|\[{field.name}\]", text), field.name
     assert all(f"`{name}`" in text for name in scenario_names())
@@ -578,6 +580,8 @@ def test_every_key_is_documented() -> None:
 
 def test_shipped_scenarios_are_found_by_name() -> None:
     assert scenario_names() == (
+        "atali",
+        "atali-trouble",
         "corridor",
         "grid",
         "huge",
@@ -594,12 +598,13 @@ def test_shipped_scenarios_are_found_by_name() -> None:
 
 
 @pytest.mark.parametrize("name", scenario_names())
-def test_shipped_scenario_loads_under_its_own_name_and_sees_lines(name: str) -> None:
+def test_shipped_scenario_loads_under_its_own_name_and_something_is_seen(name: str) -> None:
     scenario = load_scenario(name)
     assert scenario.name == name
     two_laps = replace(scenario, repeat=min(2, scenario.repeat))
     log, run = simulate_log(two_laps), drive_of(two_laps)
-    assert len(np.unique(log.sightings.t)) > 0.4 * len(run.frame_t)
+    seen = log.sightings if scenario.sees_lines else log.pose_fixes
+    assert len(np.unique(seen.t)) > 0.4 * len(run.frame_t)
     per_interval = scenario.encoder.rate / scenario.rate
     assert per_interval == pytest.approx(round(per_interval))
 

@@ -14,6 +14,8 @@ LOOKS_AT = ("floor", "overhead", "ceiling", "omni")
 LENSES = ("plain", "fisheye")
 DISTORTION_LENGTHS = (4, 5, 8, 12, 14)
 
+LONGEST_DELAY_S = 1e6
+
 LOST_PX = 1e5  # OpenCV's answer for directions that no undistorted pixel shows is beyond this
 
 # Floor beyond this many times the depth of the nearest floor in the image does not count as seen:
@@ -39,6 +41,7 @@ class Camera:
         lens: which of OpenCV's models ``distortion`` belongs to, "plain" or "fisheye".
         ignore_px: parts of the image that show the robot itself, each the corners u, v, u, v, ...
             of a rectangle (two) or a polygon (three or more), pixels of the recorded image.
+        delay_s: how long after an image was taken what it shows is known, s.
 
     Raises:
         BadConfig: a value cannot be used; the message names it and the cure.
@@ -52,6 +55,7 @@ class Camera:
     distortion: Array | None = None
     lens: str = "plain"
     ignore_px: tuple[tuple[float, ...], ...] = ()
+    delay_s: float = 0.0
 
     def __post_init__(self) -> None:
         if self.looks_at not in LOOKS_AT:
@@ -62,6 +66,10 @@ class Camera:
         if len(size) != 2 or any(n != int(n) or n <= 0 for n in size):
             raise self._bad(f"image_size = {size}: give [width, height] in pixels, both positive")
         object.__setattr__(self, "image_size", (int(size[0]), int(size[1])))
+        if not 0 <= self.delay_s <= LONGEST_DELAY_S:
+            raise self._bad(
+                f"delay = {self.delay_s}: must be from 0 to {LONGEST_DELAY_S:g}, in seconds"
+            )
         self._check_ignored()
         self._set_array("homography", (3, 3))
         if self.matrix is not None:

@@ -17,13 +17,14 @@ from frontend.nodes import (
     odometry_at,
     odometry_part,
     odometry_times,
+    velocities,
 )
 from frontend.pose_fixes import fix_warnings, pose_fixes, start_of
 from frontend.sighting_tables import at_nodes as _at_nodes
 from frontend.sighting_tables import table as _table
-from frontend.truth import true_lines, true_points
+from frontend.truth import true_lamps, true_lines, true_points
 from graphslam.geometry import Array, wrap
-from graphslam.measurements import Measurements, Sightings
+from graphslam.measurements import IntArray, Measurements, Odometry, Sightings
 
 Progress = Callable[[int, int], None]
 
@@ -35,6 +36,7 @@ UNREADABLE_CURE = {
 }
 LINE_OUTSIDE = "line outside the wheel record"
 UNREADABLE_OMNI = "omnidirectional image that cannot be read"
+UNREADABLE_CEILING = "image of the ceiling that cannot be read"
 BEARING_OUTSIDE = "bearing outside the wheel record"
 LAMP_OUTSIDE = "lamp outside the wheel record"
 
@@ -76,6 +78,7 @@ def extract(
         _bearings(log, nodes.chosen, t, rejected),
         _seen_bearings(log, nodes, config, rejected),
         _lamps(log, nodes.chosen, t, rejected),
+        _seen_lamps(log, nodes, odometry, config, rejected, progress),
     )
     return Measurements(
         t=t,
@@ -103,6 +106,13 @@ def extraction_warnings(log: Log, measurements: Measurements) -> tuple[str, ...]
             f"omnidirectional images that could not be read and were left out: "
             f"{rejected[UNREADABLE_OMNI]}; {UNREADABLE_CURE[log.described == 'log.toml']}"
         )
+    if UNREADABLE_CEILING in rejected:
+        found.append(
+            f"images of the ceiling that could not be read and were left out: "
+            f"{rejected[UNREADABLE_CEILING]}; {UNREADABLE_CURE[log.described == 'log.toml']}"
+        )
+    if len(log.ceiling_images()):
+        found += _lamp_warnings(measurements)
     used, known = measurements.t, odometry_times(log)
     if NODE_OUTSIDE in rejected:
         found.append(
@@ -134,6 +144,24 @@ def extraction_warnings(log: Log, measurements: Measurements) -> tuple[str, ...]
         )
     found += fix_warnings(log, measurements)
     return tuple(found)
+
+
+def _lamp_warnings(measurements: Measurements) -> list[str]:
+    """Returns what the user should know about lamps searched in images."""
+    from frontend.lamps import CUT
+
+    found = []
+    if cut := measurements.rejected.get(CUT):
+        found.append(
+            f"lamps cut by the image's border that were left out: {cut}; say how large the lamps "
+            "are, as --extract.lamps.size-m LENGTH WIDTH, to have them completed"
+        )
+    if not len(measurements.sightings["lamp"]):
+        found.append(
+            "no lamp was seen: only odometry and other sightings remain; look at what was left out "
+            "and why, and set --extract.lamps.size-m or --extract.lamps.area-m2"
+        )
+    return found
 
 
 def _first_unreadable(log: Log, measurements: Measurements) -> str:
@@ -235,6 +263,48 @@ def _lamps(log: Log, chosen: Array, t: Array, rejected: Counter[str]) -> Sightin
     )
 
 
+def _seen_lamps(
+    log: Log,
+    nodes: Nodes,
+    odometry: Odometry,
+    config: ExtractConfig,
+    rejected: Counter[str],
+    progress: Progress | None,
+) -> Sightings | None:
+    """Returns the lamps that the images at the nodes show, ordered by node."""
+    from frontend.image_lamps import lamps_in_images
+    from frontend.lamps import motion_covariance
+
+    numbers = log.ceiling_images()
+    if log.images is None or not len(numbers):
+        return None
+    wanted = np.intersect1d(nodes.t, nodes.of_lines)
+    numbers = numbers[np.isin(log.images.t[numbers], wanted)]
+    found, source, unreadable = lamps_in_images(log, numbers, config, progress)
+    rejected.update({**found.rejected, UNREADABLE_CEILING: unreadable})
+    times = log.images.t[source]
+    node = np.searchsorted(nodes.t, times)
+    speed = velocities(nodes.t, odometry)[node]
+    return _table(
+        "lamp",
+        node,
+        found.z,
+        found.cov + motion_covariance(found.z, speed, config.lamps.timing_s),
+        times + _delays(log, source),
+        quality=found.visible,
+        source=source,
+        truth=true_lamps(log, times, found.z),
+    )
+
+
+def _delays(log: Log, source: IntArray) -> Array:
+    """Returns how long after each of the images ``source`` (K,) what it shows is known, s."""
+    assert log.images is not None, "sightings come from images"
+    cameras = {**log.cameras, **log.ceiling}
+    names = [log.images.camera[number] for number in source.tolist()]
+    return np.array([cameras[name].delay_s for name in names], float)
+
+
 def _seen_lines(
     log: Log, nodes: Nodes, config: ExtractConfig, rejected: Counter[str], progress: Progress | None
 ) -> Sightings | None:
@@ -254,7 +324,7 @@ def _seen_lines(
         np.searchsorted(nodes.t, times),
         lines.z,
         lines.cov,
-        times,
+        times + _delays(log, source),
         extent=lines.extent,
         quality=lines.quality,
         source=source,

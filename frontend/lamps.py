@@ -27,7 +27,7 @@ CUT = "lamp cut by the image's border"
 HARDLY = "lamp cut by the image's border of which too little is visible"
 NO_FIT = "lamp cut by the image's border that its edges do not complete"
 
-STRETCH_PX = 12.0
+STRETCH_PX = 20.0
 """Errors along a lamp's edge are taken as alike over this length, pixels, where cut lamps are
 completed."""
 HOPELESS = 0.4

@@ -212,6 +212,7 @@ class Log:
         landmarks: landmarks of any kind but lines that are known beforehand, or None.
         omni: cameras that see all around, by name.
         overhead: cameras that watch the robot from above, by name.
+        ceiling: cameras that look at the ceiling, by name.
     """
 
     name: str
@@ -239,9 +240,10 @@ class Log:
     landmarks: LandmarkMap | None = None
     omni: Mapping[str, OmniCamera] = field(default_factory=dict)
     overhead: Mapping[str, OverheadCamera] = field(default_factory=dict)
+    ceiling: Mapping[str, Camera] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in ("cameras", "omni", "overhead"):
+        for name in ("cameras", "omni", "overhead", "ceiling"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         object.__setattr__(self, "labels", MappingProxyType({**FILES, **self.labels}))
         for name in ("start_pose", "start_sigma"):
@@ -281,8 +283,22 @@ class Log:
 
     def searched_images(self) -> IntArray:
         """Returns the numbers of all images that are searched for anything, in order."""
-        kinds = (self.floor_images(), self.omni_images(), self.overhead_images())
+        kinds = (
+            self.floor_images(),
+            self.omni_images(),
+            self.overhead_images(),
+            self.ceiling_images(),
+        )
         return np.unique(np.concatenate(kinds))
+
+    def ceiling_images(self) -> IntArray:
+        """Returns the numbers (row in `images`) of the images that are searched for lamps.
+
+        Beside lamps that were already detected there are none.
+        """
+        if self.images is None or self.lamps is not None:
+            return np.zeros(0, np.int64)
+        return np.flatnonzero([name in self.ceiling for name in self.images.camera])
 
     def where(self, part: str) -> str:
         """Returns where a part of the log is, as messages say it: a file, or a topic of a file."""

@@ -115,6 +115,24 @@ def assumed_drive(log: Log, noise: NoiseConfig) -> DifferentialDrive:
     return replace(log.robot or UNKNOWN_WHEELS, **changed)
 
 
+def velocities(t: Array, odometry: Odometry) -> Array:
+    """Returns the velocity (N, 3) at nodes by odometry, ``(v_x, v_y, omega)``, robot frame.
+
+    The mean of the motions before and after each node; m/s and rad/s, 0 of a single node.
+    """
+    rate = odometry.increment / np.diff(t)[:, None]
+    c, s = np.cos(odometry.increment[:, 2]), np.sin(odometry.increment[:, 2])
+    before = np.column_stack(
+        [c * rate[:, 0] + s * rate[:, 1], -s * rate[:, 0] + c * rate[:, 1], rate[:, 2]]
+    )
+    total, count = np.zeros((len(t), 3)), np.zeros((len(t), 1))
+    total[:-1] += rate
+    total[1:] += before
+    count[:-1] += 1
+    count[1:] += 1
+    return total / np.maximum(count, 1)
+
+
 def odometry_at(log: Log, t: Array, noise: NoiseConfig) -> Odometry:
     """Returns the odometry between nodes at times (N,), s, increasing, within the wheel record."""
     drive = assumed_drive(log, noise)

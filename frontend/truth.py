@@ -16,6 +16,7 @@ from graphslam.geometry import (
 )
 from graphslam.measurements import IntArray
 from graphslam.models.bearing import BEARING
+from graphslam.models.lamp import LAMP
 
 LARGEST_OFFSET = 0.020
 """Largest distance from the true line at the middle of the seen stretch, m."""
@@ -23,6 +24,9 @@ LARGEST_TURN = math.radians(1.5)
 """Largest angle between a sighting and its true line, rad."""
 LARGEST_ASIDE = math.radians(5.0)
 """Largest angle between the direction of a point and that of its true one, rad."""
+
+LARGEST_LAMP_OFFSET = 0.3
+"""Largest distance of a lamp from its true one, m; lamps are farther apart than that."""
 
 CLOCK_S = 1e-6
 """Times that differ by less are equal: files print them with few decimals, s."""
@@ -103,6 +107,33 @@ def true_points(log: Log, t: Array, bearing: Array, label: IntArray) -> IntArray
     off[(own >= 0) & (of >= 0) & (own != of)] = np.inf
     nearest = off.argmin(axis=1)
     near = off[np.arange(len(inside)), nearest] <= LARGEST_ASIDE
+    truth[inside] = np.where(near, log.landmarks.id[rows][nearest], -1)
+    return truth
+
+
+def true_lamps(log: Log, t: Array, z: Array) -> IntArray:
+    """Returns (K,) the true lamp of each sighting, -1 where there is none or nothing tells.
+
+    It is the nearest in landmarks.csv, within `LARGEST_LAMP_OFFSET`.
+
+    Args:
+        log: with true poses and landmarks.
+        t: (K,) times of the sightings, s.
+        z: (K, 3) sightings ``(x, y, phi)``, robot frame, m and rad.
+    """
+    truth = np.full(len(t), -1, np.int64)
+    if log.truth is None or log.landmarks is None:
+        return truth
+    rows, lamps = log.landmarks.of_kind(LAMP.kind)
+    first, last = log.truth.t[[0, -1]]
+    inside = np.flatnonzero((t >= first - CLOCK_S) & (t <= last + CLOCK_S))
+    if not len(rows) or not len(inside):
+        return truth
+    pose = interpolate_poses(t[inside], log.truth.t, log.truth.pose)
+    e, _, _ = LAMP.residual(pose[:, None], lamps, z[inside, None])
+    off = np.hypot(e[..., 0], e[..., 1])
+    nearest = off.argmin(axis=1)
+    near = off[np.arange(len(inside)), nearest] <= LARGEST_LAMP_OFFSET
     truth[inside] = np.where(near, log.landmarks.id[rows][nearest], -1)
     return truth
 

@@ -10,7 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from frontend.camera import Camera
-from frontend.log import DEFAULT_CAMERA, UNKNOWN_WHEELS, LineSightings, Log, PoseFixes
+from frontend.log import (
+    DEFAULT_CAMERA,
+    UNKNOWN_WHEELS,
+    LampSightings,
+    LineSightings,
+    Log,
+    PoseFixes,
+)
 from frontend.overhead import OverheadCamera
 from frontend.readers.log_toml import FORMAT
 from graphslam.geometry import Array
@@ -51,6 +58,10 @@ def write_log(folder: Path, log: Log, exact: bool) -> None:
         _write(folder / "sightings.csv", _sightings(log.sightings, time, real))
     if log.pose_fixes is not None:
         _write(folder / "tags.csv", _tags(log.pose_fixes, time, real))
+    if log.lamps is not None:
+        _write(folder / "lamps.csv", _lamps(log.lamps, time, real))
+    if log.landmarks is not None:
+        _write(folder / "landmarks.csv", _landmarks(log.landmarks, real))
 
 
 def write_images_csv(
@@ -113,6 +124,22 @@ def _tags(fixes: PoseFixes, time: str, real: str) -> Iterable[str]:
     yield from _rows([time, *[real] * 9, time], values)
 
 
+def _lamps(lamps: LampSightings, time: str, real: str) -> Iterable[str]:
+    yield "t,x,y,phi,cov_xx,cov_xy,cov_xp,cov_yy,cov_yp,cov_pp,landmark,t_received"
+    rows, columns = np.triu_indices(3)
+    cov, truth, received = lamps.cov[:, rows, columns], lamps.truth, lamps.t_received
+    values = np.column_stack([lamps.t, lamps.z, cov, truth, received])
+    yield from _rows([time, *[real] * 9, "{:.0f}", time], values)
+
+
+def _landmarks(known: LandmarkMap, real: str) -> Iterable[str]:
+    yield "landmark,kind,x,y,phi,label"
+    rows = zip(known.id.tolist(), known.kind, known.params, known.label.tolist(), strict=True)
+    for name, kind, params, label in rows:
+        cells = [real.format(float(v)) if np.isfinite(v) else "" for v in params]
+        yield ",".join([str(name), kind, *[*cells, ""][:3], str(label)])
+
+
 def log_toml(log: Log) -> list[str]:
     """Returns the lines of a log.toml."""
     return [f'format = "{FORMAT}"', f"name = {text(log.name)}", *description(log)]
@@ -134,12 +161,14 @@ def description(log: Log) -> list[str]:
         lines += ["", "[robot]"]
     if log.robot is not None:
         lines.append(f"slip = {toml(log.robot.slip)}")
-    for name, camera in log.cameras.items():
+    for name, camera in (log.cameras | log.ceiling).items():
         table = "camera" if name == DEFAULT_CAMERA else f"cameras.{text(name)}"
         lines += ["", f"[{table}]", f"image_size = {list(camera.image_size)}"]
         if name != DEFAULT_CAMERA:
             lines.append(f'looks_at = "{camera.looks_at}"')
         lines += _lens(camera)
+        if camera.delay_s:
+            lines.append(f"delay = {toml(camera.delay_s)}")
         if camera.ignore_px:
             lines.append(f"ignore_px = {[list(corners) for corners in camera.ignore_px]}")
     for name, eye in log.overhead.items():

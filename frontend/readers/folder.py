@@ -19,6 +19,7 @@ from frontend.readers.log_toml import (
     floor_cameras,
     omni_cameras,
     overhead_cameras,
+    plane_cameras,
     read_log_toml,
 )
 from frontend.readers.scans_npz import read_scans
@@ -57,6 +58,7 @@ def read_folder(folder: Path) -> Log:
     cameras, elsewhere = floor_cameras(settings_path, settings)
     omni = omni_cameras(settings_path, settings)
     overhead = overhead_cameras(settings_path, settings)
+    ceiling = plane_cameras(settings_path, settings, "ceiling")
     wheels = _optional(folder / "wheels.csv", tables.read_wheels)
     odometry = _optional(folder / "odometry.csv", tables.read_odometry)
     if wheels is None and odometry is None:
@@ -96,8 +98,9 @@ def read_folder(folder: Path) -> Log:
         landmarks=others,
         omni=omni,
         overhead=overhead,
+        ceiling=ceiling,
     )
-    unused = [name for name in elsewhere if name not in (*omni, *overhead)]
+    unused = [name for name in elsewhere if name not in (*omni, *overhead, *ceiling)]
     warnings = (*notes, *_unused(unused), *_doubtful(log))
     log = replace(log, warnings=warnings, digest=_digest(log))
     return replace(with_camera_offset(log, settings.time.camera_offset), offset_s=0.0)
@@ -179,6 +182,10 @@ def _doubtful(log: Log) -> Iterator[str]:
             "tags.csv: images of overhead cameras are not searched for tags, because poses already "
             "measured are there"
         )
+    if log.images is not None and log.ceiling and log.lamps is not None:
+        yield (
+            "lamps.csv: images are not searched for lamps, because lamps already detected are there"
+        )
     given = (log.sightings, log.pose_fixes, log.bearings, log.lamps)
     if not len(log.searched_images()) and all(part is None for part in given):
         yield (
@@ -192,6 +199,7 @@ def _digest(log: Log) -> str:
     paths = [path for name in USED if _is_there(path := log.folder / name)]
     named = [(path.name, path) for path in paths]
     numbers = np.union1d(log.omni_images(), log.overhead_images())
+    numbers = np.union1d(numbers, log.ceiling_images())
     if log.sightings is None:  # else no image of the floor is opened
         numbers = np.union1d(log.floor_images(), numbers)
     if log.images is not None and len(numbers):

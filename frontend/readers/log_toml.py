@@ -68,7 +68,7 @@ class RobotTable:
 
 @dataclass(frozen=True, slots=True)
 class CameraTable:
-    """``[camera]`` or ``[cameras.NAME]`` of a camera that looks at the floor; see `Camera`."""
+    """``[camera]`` or ``[cameras.NAME]``, looking at floor or ceiling; see `Camera`."""
 
     image_size: tuple[int, int]
     homography: Matrix3
@@ -77,6 +77,7 @@ class CameraTable:
     distortion: tuple[float, ...] | None = None
     lens: str = "plain"
     ignore_px: tuple[tuple[float, ...], ...] = ()
+    delay: float = 0.0
 
     def camera(self, name: str) -> Camera:
         """Returns the camera; raises BadConfig where its numbers make none."""
@@ -91,6 +92,7 @@ class CameraTable:
             distortion,
             self.lens,
             self.ignore_px,
+            self.delay,
         )
 
 
@@ -176,18 +178,27 @@ def floor_cameras(path: Path, content: LogTable) -> tuple[dict[str, Camera], lis
     Raises:
         BadLog: a camera is described wrongly.
     """
+    every = [(name, looks_at) for _, name, _, looks_at in _cameras(path, content)]
+    elsewhere = [name for name, looks_at in every if looks_at != "floor"]
+    return plane_cameras(path, content, "floor"), elsewhere
+
+
+def plane_cameras(path: Path, content: LogTable, plane: str) -> dict[str, Camera]:
+    """Returns the cameras that look at a plane: "floor" or "ceiling".
+
+    Raises:
+        BadLog: a camera is described wrongly.
+    """
     cameras: dict[str, Camera] = {}
-    elsewhere: list[str] = []
     for at, name, table, looks_at in _cameras(path, content):
-        if looks_at != "floor":
-            elsewhere.append(name)
+        if looks_at != plane:
             continue
         given = from_dict(CameraTable, table, str(path), BadLog, at)
         try:
             cameras[name] = given.camera(name)
         except BadConfig as refused:
             raise BadLog(f"{path}: [{at}] {refused}") from None
-    return cameras, elsewhere
+    return cameras
 
 
 def omni_cameras(path: Path, content: LogTable) -> dict[str, OmniCamera]:

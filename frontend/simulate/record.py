@@ -16,6 +16,13 @@ from frontend.camera import Camera
 from frontend.extract import extract
 from frontend.log import DEFAULT_CAMERA, Log, PoseTrack, Wheels
 from frontend.simulate.drive import Drive, drive
+from frontend.simulate.lamps import CAMERA as CEILING_CAMERA
+from frontend.simulate.lamps import (
+    ceiling_view,
+    draw_lamp_sightings,
+    render_ceiling,
+    upward_camera,
+)
 from frontend.simulate.overhead import (
     build_workspace,
     draw_fixes,
@@ -61,7 +68,8 @@ def simulate(
     """
     out = Path(out)
     _refuse_existing(out)
-    if images and scenario.camera is None and (scenario.overhead is None or scenario.sees_lines):
+    blind = scenario.camera is None and (scenario.overhead is None or scenario.sees_lines)
+    if images and blind and scenario.ceiling is None:
         raise BadConfig(
             f"{scenario.name}: has no [camera] to render images with; add one, or simulate without "
             "images (--no-images)"
@@ -104,14 +112,15 @@ def simulate_log(scenario: Scenario, seed: int = 0) -> Log:
     run = _drive(scenario, streams)
     seen = draw_sightings(scenario, run, streams[4]) if scenario.sees_lines else None
     fixes = None if scenario.overhead is None else draw_fixes(scenario, run, streams[5])
-    first = min(
-        (part.t[0] for part in (seen, fixes) if part is not None and len(part.t)), default=0.0
-    )
+    ceiling = scenario.ceiling
+    lamps = None if ceiling is None else draw_lamp_sightings(ceiling, run, streams[4])
+    parts = (part for part in (seen, fixes, lamps) if part is not None and len(part.t))
+    first = min((part.t[0] for part in parts), default=0.0)
     camera = camera_in_log(scenario)
     start = run.pose_at(np.array([first]))[0]
     log = _log(scenario, run, start, {} if camera is None else {DEFAULT_CAMERA: camera})
     digest = hashlib.sha256(f"{scenario.digest()} {seed}".encode()).hexdigest()
-    return replace(log, sightings=seen, pose_fixes=fixes, digest=digest)
+    return replace(log, sightings=seen, pose_fixes=fixes, lamps=lamps, digest=digest)
 
 
 def simulate_measurements(scenario: Scenario, seed: int = 0) -> Measurements:
@@ -139,7 +148,7 @@ def _refuse_existing(out: Path) -> None:
 def _log(scenario: Scenario, run: Drive, start: Array, cameras: dict[str, Camera]) -> Log:
     """Returns what a log holds with images and without."""
     lines, stretch = floor_lines(scenario), floor_stretches(scenario)
-    count = len(lines)
+    count, ceiling = len(lines), scenario.ceiling
     return Log(
         name=scenario.name,
         folder=Path(scenario.name),
@@ -154,7 +163,9 @@ def _log(scenario: Scenario, run: Drive, start: Array, cameras: dict[str, Camera
         sightings=None,
         pose_fixes=None,
         truth=PoseTrack(run.t, run.pose),
-        map=LandmarkMap(
+        map=None
+        if ceiling is not None
+        else LandmarkMap(
             id=np.arange(count),
             kind=("line",) * count,
             params=lines,
@@ -164,6 +175,8 @@ def _log(scenario: Scenario, run: Drive, start: Array, cameras: dict[str, Camera
         warnings=(),
         digest="",
         overhead={} if scenario.overhead is None else {NAME: overhead_camera(scenario.overhead)},
+        landmarks=ceiling.landmarks() if ceiling is not None and ceiling.known else None,
+        ceiling={} if ceiling is None else {CEILING_CAMERA: upward_camera(ceiling.camera)},
     )
 
 
@@ -185,6 +198,7 @@ def _write_with_images(
         for part in (
             _floor_images(scenario, world, run, streams[3], cameras),
             _overhead_images(scenario, world, run, streams[3], streams[5]),
+            _ceiling_images(scenario, run, *streams[2:4]),
         )
         if part is not None
     ]
@@ -259,3 +273,21 @@ def _overhead_images(
     )
     files = _files(NAME, len(run.overhead_t), spec.jpeg_quality)
     return _Series(NAME, run.overhead_t, files, spec.jpeg_quality, pictures)
+
+
+def _ceiling_images(
+    scenario: Scenario,
+    run: Drive,
+    fringe_seed: np.random.SeedSequence,
+    pixel_seed: np.random.SeedSequence,
+) -> _Series | None:
+    ceiling = scenario.ceiling
+    if ceiling is None:
+        return None
+    camera = upward_camera(ceiling.camera)
+    view = ceiling_view(ceiling, camera, np.random.default_rng(fringe_seed))
+    pixels, quality = np.random.default_rng(pixel_seed), ceiling.camera.jpeg_quality
+    frames = zip(run.frame_t.tolist(), run.pose_at_frames(), strict=True)
+    pictures = (render_ceiling(ceiling, view, pose, t, pixels) for t, pose in frames)
+    files = _files("images", len(run.frame_t), quality)
+    return _Series(CEILING_CAMERA, run.frame_t, files, quality, pictures)

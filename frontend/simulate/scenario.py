@@ -9,6 +9,7 @@ from typing import Literal
 
 from frontend.readers.log_toml import FORMAT as LOG_FORMAT
 from frontend.readers.log_toml import LogTable
+from frontend.simulate.ceiling import Ceiling
 from frontend.simulate.checks import positive
 from frontend.simulate.floor import FloorLine, Groove, Light, LineGrid, Mess, Surface
 from frontend.simulate.sensors import CameraSpec, Encoder, SightingSpec
@@ -95,6 +96,7 @@ class Scenario:
         mess: dirt, shadows and things on the floor; absent: none.
         sightings: how lines are seen where no images are rendered.
         overhead: a camera above the work space, and tags on the robot; absent: none.
+        ceiling: lamps and the camera that looks up at them, instead of a floor with lines.
     """
 
     format: Literal["graphslam-scenario/1"]
@@ -115,6 +117,7 @@ class Scenario:
     mess: Mess | None = None
     sightings: SightingSpec = field(default_factory=SightingSpec)
     overhead: OverheadSpec | None = None
+    ceiling: Ceiling | None = None
 
     def __post_init__(self) -> None:
         if self.repeat < 1:
@@ -130,6 +133,13 @@ class Scenario:
 
     def _check_eyes(self) -> None:
         """Raises BadConfig unless it is clear how often the robot looks, and how far it sees."""
+        if self.ceiling is not None:
+            if self.camera is not None or self.lines or self.grids:
+                raise BadConfig(
+                    "a scenario looks at the floor or at the ceiling: remove [ceiling], or "
+                    "[camera], lines and grids"
+                )
+            return
         if self.camera is not None and self.sightings.rate is not None:
             raise BadConfig("sightings.rate is for floors without a camera: remove it or [camera]")
         if self.overhead is None and not self.sees_lines:
@@ -147,10 +157,12 @@ class Scenario:
     def rate(self) -> float:
         """Frames per second, whether they become images or sightings only.
 
-        Of a robot that does not look at the floor those of the camera overhead.
+        Of a robot that does not look at the floor those of the camera up or overhead.
         """
         rate = self.sightings.rate if self.camera is None else self.camera.rate
-        if not self.sees_lines and self.overhead is not None:
+        if self.ceiling is not None:
+            rate = self.ceiling.camera.rate
+        elif not self.sees_lines and self.overhead is not None:
             rate = self.overhead.rate
         assert rate is not None, "checked on entry"
         return rate
@@ -159,7 +171,7 @@ class Scenario:
         """Returns the SHA-256 of all that the scenario says, hexadecimal."""
         said = asdict(self)
         # these came later: the digests of scenarios without them stay what they were
-        for name in ("mess", "overhead"):
+        for name in ("mess", "overhead", "ceiling"):
             if said[name] is None:
                 del said[name]
         if self.sightings.factor == 1.0:

@@ -173,7 +173,7 @@ def test_images_of_several_cameras_keep_their_row_numbers(tmp_path: Path):
     settings = (
         WITH_CAMERA
         + CAMERA.replace("[camera]", '[cameras.rear]\nlooks_at = "floor"')
-        + '[cameras.up]\nlooks_at = "ceiling"\nany_key = 1\n'
+        + CAMERA.replace("[camera]", '[cameras.up]\nlooks_at = "ceiling"')
     )
     rows = "t,file,camera\n0,a.png,up\n0,a.png,floor\n0,a.png,rear\n1,a.png,rear\n"
     log = open_log(write_log(tmp_path, log_toml=settings, images_csv=rows, a_png=b"x"))
@@ -181,7 +181,8 @@ def test_images_of_several_cameras_keep_their_row_numbers(tmp_path: Path):
     assert log.images is not None
     assert log.images.camera == ("up", "floor", "rear", "rear")
     assert log.floor_images().tolist() == [1, 2, 3]
-    assert log.warnings == ("log.toml: camera 'up': present, not used by this version",)
+    assert log.ceiling_images().tolist() == [0]
+    assert log.warnings == ()
 
 
 def test_cameras_floor_is_what_camera_is_short_for(tmp_path: Path):

@@ -11,6 +11,7 @@ from compare.agreement import Agreement
 from compare.comparison import Comparison, MethodMetrics
 from compare.consistency import band
 from compare.noise import noise_sentence
+from graphslam.elsewhere import OTHER_PLACES
 
 WORTH_SHARE = 0.20
 """A difference matters only above this share of the larger figure, ..."""
@@ -320,7 +321,15 @@ def alarms(methods: Sequence[MethodMetrics]) -> Iterator[str]:
             if reason.startswith("lost"):
                 often = "once" if times == 1 else f"{times} times"
                 yield f"{m.method} was lost {often}{reason.removeprefix('lost')}."
-        if not m.converged:
+            if reason.startswith(OTHER_PLACES):
+                yield (
+                    f"{m.method} does not know its place: {times} {reason}. Give [start] in the "
+                    "frame of the known map, or drive where the floor does not repeat."
+                )
+        if not m.converged and not m.iterations:
+            if not any(reason.startswith(OTHER_PLACES) for reason in m.counts):
+                yield f"{m.method} has not found its place on the known map: its path is a guess."
+        elif not m.converged:
             yield (
                 f"{m.method} did not converge in {m.iterations} iterations: its figures are those "
                 "of an unfinished optimisation."

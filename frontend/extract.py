@@ -130,7 +130,8 @@ def extraction_warnings(log: Log, measurements: Measurements) -> tuple[str, ...]
         found.append(
             "the log does not say where on the known map it starts, so the robot is taken to start "
             "at the map's origin, heading along x: write [start] into log.toml, or find it with "
-            "--methods particle --particle.start anywhere"
+            "--methods particle --particle.start anywhere, which names the other places where the "
+            "floor repeats"
         )
     if lines is not None and not len(lines):
         found.append(

@@ -13,9 +13,10 @@ from graphslam.association import gate_for, mahalanobis
 from graphslam.baseline import propagate
 from graphslam.cloud import Cloud, effective_number
 from graphslam.config import MatchingConfig, ParticleConfig
+from graphslam.elsewhere import Elsewhere, elsewhere
 from graphslam.errors import BadMeasurements
 from graphslam.estimate import Estimate, Unobserved
-from graphslam.geometry import Array, compose
+from graphslam.geometry import Array, compose, wrap
 from graphslam.information import position_information, unobserved_directions
 from graphslam.landmarks import finish_map
 from graphslam.measurements import LandmarkMap, Measurements
@@ -27,7 +28,7 @@ from graphslam.particle_looks import (
     put,
     sharpness,
 )
-from graphslam.region import anywhere, around, region_of
+from graphslam.region import anywhere, around, region_of, within
 
 BoolArray = NDArray[np.bool_]
 
@@ -61,9 +62,12 @@ def localise_by_particles(
     agree on one place they *search*: there are more of them, and where they do not explain what is
     seen, some are put where it could be seen from. Then they *track*.
 
-    The result has ``converged = False`` where they have not agreed in the end; ``counts`` tells for
-    how many nodes they had not, and how often they were lost. Pose and covariance are mean and
-    covariance of all particles, of whatever shape their cloud is. The map counts as known exactly.
+    The result has ``converged = False`` where they have not agreed in the end, or have agreed on
+    one of several places that explain what was seen equally well; ``counts`` tells which others,
+    for how many nodes they had not agreed, and how often they were lost. Pose and covariance are
+    mean and covariance of all particles, of whatever shape their cloud is; other places, where
+    there are any, add to the covariance what it is to be at one of them. The map counts as known
+    exactly.
 
     Args:
         measurements: nodes, odometry, sightings, and a known map.
@@ -101,12 +105,14 @@ class _Localisation:
         self.match, self.used = np.full(count, -1), np.zeros(count, bool)
         self.nis = np.full(count, np.nan)
         self.unexplained = self.agreed_in_a_row = self.looked = 0
+        self.node = self.agreed_from = 0
         self.counts["sighting of no known landmark"] = sum(
             len(t) for _, t in measurements.tables() if not explainable(t, known)
         )
         self.region = region_of(known, config.region)
         self.cloud = self.first_cloud()
         self.tracking = self.agrees()
+        self.searched_from = None if self.tracking else 0
         if self.tracking:
             self.cloud.resample(config.particles)
 
@@ -130,6 +136,7 @@ class _Localisation:
         nodes = len(self.measurements.t)
         pose, cov = np.empty((nodes, 3)), np.empty((nodes, 3, 3))
         for node, looks in enumerate(looks_of(self.measurements, self.known)):
+            self.node = node
             if node > 0:
                 self.predict(node - 1)
             if looks:
@@ -137,7 +144,11 @@ class _Localisation:
             if not self.tracking:
                 self.counts["node before the particles agreed on one place"] += 1
             pose[node], cov[node] = self.cloud.moments()
-        return self.finish(pose, cov + SMALLEST_SIGMA**2 * np.eye(3))
+        others = self.other_places(pose[-1], cov[-1])
+        if others is not None:
+            agreed = slice(self.agreed_from, None)
+            cov[agreed] += others.spread(pose[agreed], self.region)
+        return self.finish(pose, cov + SMALLEST_SIGMA**2 * np.eye(3), others)
 
     def predict(self, i: int) -> None:
         """Moves every particle from node i to i + 1, each with an error of its own."""
@@ -166,6 +177,7 @@ class _Localisation:
         if 0 < self.config.lost_after <= self.unexplained:
             self.counts["lost: no line was where its particles expected one"] += 1
             self.tracking = False
+            self.searched_from = self.node
             self.unexplained = self.agreed_in_a_row = self.looked = 0
             if self.region is None:
                 self.cloud.widen(LOST_INFLATION)
@@ -179,6 +191,7 @@ class _Localisation:
         self.agreed_in_a_row = self.agreed_in_a_row + 1 if agreed else 0
         if self.agreed_in_a_row >= self.config.agree_nodes:
             self.tracking = True
+            self.agreed_from = self.node
 
     def thin(self, looks: list[Look]) -> None:
         """Resamples a searching cloud where few particles carry its weight, or the search ended."""
@@ -271,8 +284,28 @@ class _Localisation:
 
     # ---- result ------------------------------------------------------------------------------
 
-    def finish(self, pose: Array, cov: Array) -> Estimate:
+    def other_places(self, pose: Array, cov: Array) -> Elsewhere | None:
+        """Returns where else the last pose may be; None where the place was never searched."""
+        if self.searched_from is None or not self.tracking:
+            return None
+        last = pose, cov + SMALLEST_SIGMA**2 * np.eye(3)
+        found = elsewhere(self.measurements, self.searched_from, last, self.may_be, self.gate)
+        return found if found.reason else None
+
+    def may_be(self, path: Array) -> bool:
+        """Returns whether the robot can have driven a path (n, 3) since the search began."""
+        m = self.measurements
+        if self.searched_from == 0 and self.config.start == "given":
+            off = path[0] - m.start_pose
+            off[2] = wrap(off[2])
+            return bool(mahalanobis(off, m.start_cov) <= gate_for(self.gate, 3))
+        return self.region is None or bool(within(self.region, path).all())
+
+    def finish(self, pose: Array, cov: Array, others: Elsewhere | None) -> Estimate:
         """Returns the run as an estimate."""
+        known_place = self.tracking and others is None
+        if others is not None:
+            self.counts[others.reason] = max(1, len(others.motions))
         m, known = self.measurements, self.known
         joint = np.zeros((int(known.offsets()[-1]),) * 2)
         joint[:3, :3] = cov[-1]
@@ -280,7 +313,7 @@ class _Localisation:
         information = position_information(m, pose, landmarks, self.match)
         cov_odometry = propagate(m)[1][-1]
         unobserved = unobserved_directions(information, cov[-1], cov_odometry)
-        if not self.tracking and not unobserved:
+        if not known_place and not unobserved:
             unobserved = (_nowhere(cov[-1], cov_odometry),)
         return Estimate(
             method="particle",
@@ -294,7 +327,7 @@ class _Localisation:
             used=self.used,
             nis=self.nis,
             weight=np.ones(len(self.match)),
-            converged=self.tracking,
+            converged=known_place,
             unobserved=unobserved,
             counts={reason: n for reason, n in sorted(self.counts.items()) if n},
         )

@@ -6,6 +6,7 @@ import math
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graphslam.geometry import Array, points_on_line, wrap
 from graphslam.measurements import LandmarkMap
@@ -45,6 +46,12 @@ def anywhere(region: tuple[Array, Array], count: int, rng: np.random.Generator) 
     """Returns poses (count, 3) drawn uniformly over a region of `region_of` and all headings."""
     low, high = np.append(region[0], -math.pi), np.append(region[1], math.pi)
     return rng.uniform(low, high, (count, 3))
+
+
+def within(region: tuple[Array, Array], pose: Array) -> NDArray[np.bool_]:
+    """Returns which poses (n, 3) lie on the floor between two corners."""
+    low, high = region
+    return np.asarray(np.all((pose[:, :2] >= low) & (pose[:, :2] <= high), axis=1))
 
 
 def around(pose: Array, cov: Array, count: int, rng: np.random.Generator) -> Array:

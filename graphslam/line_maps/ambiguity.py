@@ -81,7 +81,7 @@ class Ambiguity:
         parts = [f"repeat every {' and '.join(found)}"] if found else []
         if len(self.turns):
             names = [_degrees(t) for t in np.degrees(self.turns)]
-            parts.append(f"{'are ' if not parts else ''}turned by {', '.join(names)}")
+            parts.append(f"{'also' if parts else 'are'} turned by {', '.join(names)}")
         return ", ".join(parts)
 
 

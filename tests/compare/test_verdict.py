@@ -14,6 +14,7 @@ from frontend.extract import extract
 from frontend.simulate import Scenario, load_scenario, simulate_log
 from graphslam.baseline import dead_reckoning
 from graphslam.ekf import run_ekf
+from graphslam.elsewhere import OTHER_PLACES
 from graphslam.estimate import Unobserved
 from graphslam.smoother import smooth
 from tests.compare.made import estimate_of, log_with, relabelled
@@ -169,6 +170,16 @@ def test_lost_episodes_and_missing_convergence_are_said() -> None:
     assert sentence(comparison, "smoother did not converge in 50 iterations")
     once = replace(lost, counts={"lost: every sighting rejected": 1})
     assert sentence(with_method(JUDGED, once), "ekf was lost once: every sighting rejected.")
+
+
+def test_a_place_that_is_not_known_is_said_with_what_else_it_may_be() -> None:
+    words = "they repeat every 0.600 m along 0°"
+    unsure = replace(JUDGED["ekf"], converged=False, iterations=0)
+    several = replace(unsure, counts={f"{OTHER_PLACES}: {words}": 7})
+    told = sentence(with_method(JUDGED, several), "ekf does not know its place: 7 other places")
+    assert words in told
+    assert not any("did not converge" in s for s in verdict(with_method(JUDGED, several)))
+    assert sentence(with_method(JUDGED, unsure), "ekf has not found its place on the known map")
 
 
 def test_a_method_that_odometry_alone_beats_is_warned_of() -> None:

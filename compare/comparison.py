@@ -13,7 +13,17 @@ import numpy as np
 
 from compare.agreement import Agreement, agreement
 from compare.bound import Bound, bound_at_truth, bound_of
-from compare.consistency import Consistency, Overconfidence, consistency, overconfidence
+from compare.consistency import (
+    SHARES,
+    Consistency,
+    Innovations,
+    Overconfidence,
+    Surprise,
+    consistency,
+    innovations,
+    overconfidence,
+    surprise,
+)
 from compare.maps import MapMetrics, map_metrics
 from compare.matching import MatchingTable, matching_table
 from compare.metrics import TrajectoryMetrics, pose_nees, rms, trajectory
@@ -33,30 +43,6 @@ SIGMA_ZERO = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Blind:
-    """The longest way that a method drove without a sighting that counts.
-
-    Attributes:
-        length_m: distance driven, m.
-        from_s: when it began, s from the first node.
-        to_s: when it ended.
-        sigma_m: largest standard deviation of position on it, m.
-    """
-
-    length_m: float
-    from_s: float
-    to_s: float
-    sigma_m: float
-
-    def __str__(self) -> str:
-        return (
-            f"no line counted for {self.length_m:.3g} m, from {self.from_s:.4g} s to "
-            f"{self.to_s:.4g} s; there the position is odometry's, with a sigma of up to "
-            f"{1e3 * self.sigma_m:.3g} mm"
-        )
-
-
-@dataclass(frozen=True, slots=True)
 class MethodMetrics:
     """One method, judged.
 
@@ -65,9 +51,10 @@ class MethodMetrics:
         causal: whether the pose at time t uses only data up to t.
         trajectory: errors of the path; None without a true path.
         pose_nees: NEES of the poses per degree of freedom; NaN where not defined.
-        blind: the longest way without a sighting that counts; None where there is no sighting.
         consistency: squared errors over covariances along the way; None where `pose_nees` is not
             defined.
+        innovations: squared innovations over covariances along the way; None for methods that
+            predict no sightings.
         map: errors of the map; None without true lines, or without lines in the map.
         matching: which sightings were taken for what; None where no true landmark is known.
         landmarks: landmarks in the map.
@@ -78,7 +65,7 @@ class MethodMetrics:
         position_sigma_m: RMS over the nodes of the standard deviation of position, m.
         last_position_sigma_m: standard deviation of the last position, m.
         heading_sigma_deg: RMS over the nodes of the standard deviation of heading, degrees.
-        unobserved: directions that the data does not fix.
+        unobserved: directions of the last pose, and parts of the way, that the data does not fix.
         counts: what happened to sightings, by name.
         cost: half the sum of squared normalised residuals; NaN where there is none.
         iterations: of the optimiser.
@@ -106,7 +93,7 @@ class MethodMetrics:
     engine: str = ""
     converged: bool = True
     consistency: Consistency | None = None
-    blind: Blind | None = None
+    innovations: Innovations | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "counts", MappingProxyType(dict(self.counts)))
@@ -115,6 +102,11 @@ class MethodMetrics:
     def overconfidence(self) -> Overconfidence | None:
         """In which coordinate it is overconfident, how much, and from where on; None if in none."""
         return None if self.consistency is None else overconfidence(self.consistency)
+
+    @property
+    def surprise(self) -> Surprise | None:
+        """From where on innovations exceed what it expects, and by how much; None if nowhere."""
+        return None if self.innovations is None else surprise(self.innovations)
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,26 +243,8 @@ def _judge(
         iterations=estimate.iterations,
         engine=estimate.engine,
         converged=estimate.converged,
-        blind=_blind(estimate, measurements, position),
+        innovations=innovations(estimate, measurements.driven(), SHARES),
     )
-
-
-def _blind(estimate: Estimate, measurements: Measurements, sigma: Array) -> Blind | None:
-    """Returns the longest way between nodes with sightings that count, ends of the run included."""
-    nodes = [t.node[estimate.used[i : i + len(t)]] for i, t in measurements.tables()]
-    seen = np.unique(np.concatenate([np.zeros(0, np.int64), *nodes]))
-    if not len(seen):
-        return None
-    ends = np.unique(np.concatenate([[0], seen, [len(estimate.t) - 1]]))
-    steps = np.hypot(*measurements.odometry.increment[:, :2].T)
-    driven = np.concatenate([[0.0], np.cumsum(steps)])
-    if len(ends) < 2:
-        return None
-    longest = int(np.argmax(np.diff(driven[ends])))
-    first, last = ends[longest : longest + 2]
-    t = estimate.t - estimate.t[0]
-    length = float(driven[last] - driven[first])
-    return Blind(length, float(t[first]), float(t[last]), float(sigma[first : last + 1].max()))
 
 
 def _nis_per_dof(estimate: Estimate, measurements: Measurements) -> float:

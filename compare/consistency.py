@@ -1,4 +1,8 @@
-"""Where along the way a method becomes surer than it should be: chi-square bands over distance."""
+"""Where along the way a method becomes surer than it should be: chi-square bands over distance.
+
+Errors are held against covariances (NEES) where the true path is known, innovations against theirs
+(NIS) wherever a method predicts what it will see: that needs no truth.
+"""
 
 from __future__ import annotations
 
@@ -24,6 +28,8 @@ COORDINATE_CHANCE = CHANCE / 30.0
 """The same for each of three coordinates at about ten stretches of the way whose errors are nearly
 independent, so that one in forty honest runs shows any."""
 
+SHARES = 16
+"""Shares of the way in which innovations are summed up, and points at which studies look."""
 LEAST_FACTOR = 1.2
 """Overconfidence below this factor is not spoken of, however many runs prove it."""
 
@@ -64,6 +70,59 @@ class Overconfidence:
     def __str__(self) -> str:
         return (
             f"overconfident by a factor {self.factor:.2g} in {self.state} after {self.from_m:.3g} m"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Innovations:
+    """Squared innovations over covariances in equal shares of the way, of one run or of several.
+
+    Those of one node are taken jointly, so that for an honest filter all are independent and each
+    sum is chi-square distributed.
+
+    Attributes:
+        distance: (n,) metres driven at the end of each share.
+        nis: (n,) sum of squared normalised innovations in the share, over its freedom; NaN where
+            nothing was seen.
+        freedom: (n,) degrees of freedom.
+    """
+
+    distance: Array
+    nis: Array
+    freedom: Array
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    @property
+    def total(self) -> float:
+        """NIS per degree of freedom of the whole way; NaN without any innovation."""
+        known = self.freedom > 0
+        whole = self.freedom[known].sum()
+        return float((self.nis * self.freedom)[known].sum() / whole) if whole else math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Surprise:
+    """Innovations that exceed what a method expects.
+
+    Attributes:
+        factor: RMS of innovation over expected standard deviation from there on.
+        nis: its square.
+        from_m: distance driven from which on, m.
+        limit: what the NIS from there on of an honest method does not exceed.
+    """
+
+    factor: float
+    nis: float
+    from_m: float
+    limit: float
+
+    def __str__(self) -> str:
+        return (
+            f"overconfident by a factor {self.factor:.2g} in what it expects to see after "
+            f"{self.from_m:.3g} m (NIS {self.nis:.3g} per degree of freedom from there on; up to "
+            f"{self.limit:.3g} is unsuspicious)"
         )
 
 
@@ -136,3 +195,51 @@ def overconfidence(curve: Consistency) -> Overconfidence | None:
             factor = math.sqrt(rest[first])
             found.append(Overconfidence(state, factor, float(curve.distance[first])))
     return max(found, key=lambda entry: entry.factor, default=None)
+
+
+def innovations(estimate: Estimate, driven: Array, points: int) -> Innovations | None:
+    """Returns a run's innovations in so many equal shares of the way.
+
+    None where the method predicts nothing, or the robot does not move.
+
+    Args:
+        estimate: of a method that predicts what it will see.
+        driven: (N,) metres driven up to each node.
+        points: shares.
+    """
+    if estimate.innovation is None or not driven[-1] > 0.0:
+        return None
+    ends = driven[-1] * np.arange(1, points + 1) / points
+    share = np.searchsorted(ends[:-1], driven * (1.0 - RANK_TOLERANCE))
+    squared, freedom = (np.bincount(share, column, points) for column in estimate.innovation.T)
+    with np.errstate(invalid="ignore"):
+        return Innovations(ends, squared / freedom, freedom)
+
+
+def pooled(runs: list[Innovations]) -> Innovations:
+    """Returns the innovations of several runs with equal shares, taken together."""
+    freedom = np.sum([run.freedom for run in runs], axis=0)
+    squared = np.nansum([run.nis * run.freedom for run in runs], axis=0)
+    with np.errstate(invalid="ignore"):
+        nis = squared / freedom
+    return Innovations(np.mean([run.distance for run in runs], axis=0), nis, freedom)
+
+
+def surprise(found: Innovations) -> Surprise | None:
+    """Returns from where on innovations exceed what is expected of them, and by how much; or None.
+
+    It counts from the first share of the way that lies above its band, provided that all from there
+    on, taken together, do so, too, and by a factor of `LEAST_FACTOR`. Of honest runs one in forty
+    shows any: the shares are independent.
+    """
+    known = np.flatnonzero(found.freedom > 0)
+    nis, freedom = found.nis[known], found.freedom[known]
+    chance = CHANCE / max(len(known), 1)
+    starts = np.concatenate([[0.0], found.distance])
+    for first, share in enumerate(known):
+        rest = float(nis[first:] @ freedom[first:] / freedom[first:].sum())
+        limit = band(float(freedom[first:].sum()), chance=chance)[1]
+        above = nis[first] > band(float(freedom[first]), chance=chance)[1]
+        if above and rest > max(limit, LEAST_FACTOR**2):
+            return Surprise(math.sqrt(rest), rest, float(starts[share]), limit)
+    return None

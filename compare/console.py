@@ -68,7 +68,7 @@ class Progress:
 
 def print_result(result: RunResult) -> None:
     """Prints a run's warnings to standard error, its figures, verdict and report to output."""
-    from compare.verdict import alarms
+    from compare.verdict_methods import alarms
 
     assert result.comparison is not None
     _warn(result)

@@ -11,9 +11,10 @@ import numpy as np
 
 from compare.agreement import Agreement, MapAgreement
 from compare.comparison import Comparison, MethodMetrics
-from compare.consistency import Overconfidence
+from compare.consistency import Overconfidence, Surprise
 from compare.maps import MapLines, MapMetrics
 from compare.matching import MatchingTable
+from graphslam.estimate import Unobserved
 
 METRICS_FORMAT = "graphslam-metrics/1"
 DIGITS = 12
@@ -67,21 +68,29 @@ def _rows(columns: Mapping[str, Any]) -> list[dict[str, Any]]:
 def _method(entry: MethodMetrics) -> dict[str, Any]:
     return {
         **_columns(
-            entry, "method", "trajectory", "map", "matching", "unobserved", "consistency", "blind"
+            entry,
+            *("method", "trajectory", "map", "matching", "unobserved"),
+            *("consistency", "innovations"),
         ),
         "trajectory": None if entry.trajectory is None else _columns(entry.trajectory),
         "map": None if entry.map is None else _map(entry.map),
         "map_nees": None if entry.map is None else entry.map.nees,
         "map_nees_freedom": None if entry.map is None else entry.map.nees_freedom,
         "map_start_nees": None if entry.map is None else entry.map.start_nees,
-        "overconfident": _overconfident(entry.overconfidence),
+        "overconfident": _told(entry.overconfidence),
+        "innovation_nis": None if entry.innovations is None else entry.innovations.total,
+        "surprised": _told(entry.surprise),
         "matching": None if entry.matching is None else _matching(entry.matching),
-        "blind": None if entry.blind is None else _columns(entry.blind),
-        "unobserved": [_columns(u) | {"text": str(u)} for u in entry.unobserved],
+        "unobserved": [_unobserved(u) for u in entry.unobserved],
     }
 
 
-def _overconfident(entry: Overconfidence | None) -> dict[str, Any] | None:
+def _unobserved(entry: Unobserved) -> dict[str, Any]:
+    where = {} if entry.stretch is None else {"stretch": _columns(entry.stretch)}
+    return _columns(entry, "stretch") | where | {"text": str(entry)}
+
+
+def _told(entry: Overconfidence | Surprise | None) -> dict[str, Any] | None:
     return None if entry is None else _columns(entry) | {"text": str(entry)}
 
 

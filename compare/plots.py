@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from compare.plots_map import map_errors
 from compare.plots_path import errors_over_time, floor_plan
-from compare.plots_sightings import innovations, matches_per_line, sightings_per_node
+from compare.plots_sightings import (
+    innovations_along_the_way,
+    innovations_over_time,
+    matches_per_line,
+    sightings_per_node,
+)
 from compare.plots_style import Plot, style
 from compare.plots_uncertainty import line_variance, pose_consistency, variances
 from compare.record import Record
@@ -15,7 +20,8 @@ DRAWINGS = (
     map_errors,
     matches_per_line,
     sightings_per_node,
-    innovations,
+    innovations_over_time,
+    innovations_along_the_way,
     variances,
     line_variance,
     pose_consistency,

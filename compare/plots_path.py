@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,8 @@ from compare.plots_style import (
     to_svg,
 )
 from compare.record import Record
-from graphslam.estimate import Estimate
+from compare.words import metres
+from graphslam.estimate import Estimate, Unobserved
 from graphslam.geometry import Array, points_on_line
 
 ELLIPSE_PROBABILITY = 0.95
@@ -53,12 +55,18 @@ def floor_plan(record: Record) -> Plot:
         _endless(ax, lines[unknown], low, high, **style)
         _method(ax, name, estimate, step)
         _open_directions(ax, name, estimate, 0.09 * span.max())
+    gaps = _draw_ways(ax, record)
     _start(ax, record.measurements.start_pose, 0.035 * span.max())
     legend(made, handlelength=2.2, columnspacing=1.6)
     drawn = "" if step == 1 else f" Every {_ordinal(step)} node is drawn."
     lines = " Dashed: true lines." if len(record.true_lines) else ""
     if any(u.direction != (0.0, 0.0) for e in record.estimates.values() for u in e.unobserved):
         drawn += " Double arrows: directions of the last position that no sighting fixes."
+    if gaps:
+        drawn += (
+            " Grey bands: ways without a sighting that counts, with their length and what odometry "
+            "drifts by on them (one sigma)."
+        )
     return Plot(
         "floor-plan",
         "Floor plan",
@@ -163,6 +171,42 @@ def _open_directions(ax: Axes, name: str, estimate: Estimate, size: float) -> No
             ax.annotate("", xy=last + reach, xytext=last - reach, arrowprops=arrow, zorder=6)
 
 
+def ways_without_sightings(record: Record) -> list[tuple[str, Unobserved]]:
+    """Returns the ways on which no sighting counts, by the last method that has each."""
+    found: dict[tuple[float, float], tuple[str, Unobserved]] = {}
+    for name, estimate in record.estimates.items():
+        for entry in estimate.unobserved:
+            if entry.stretch is not None:
+                found[entry.stretch.from_s, entry.stretch.to_s] = name, entry
+    return [found[ends] for ends in sorted(found)]
+
+
+def _draw_ways(ax: Axes, record: Record) -> bool:
+    """Draws ways without a sighting into a plan; returns whether there are any."""
+    ways = ways_without_sightings(record)
+    t = record.measurements.t - record.measurements.t[0]
+    for name, entry in ways:
+        assert entry.stretch is not None
+        on = (t >= entry.stretch.from_s) & (t <= entry.stretch.to_s)
+        path = record.estimates[name].pose[on, :2]
+        path = path[:: stride(len(path))]
+        ax.plot(*path.T, color=INK, lw=9.0, alpha=0.16, solid_capstyle="butt", zorder=1)
+        text = f"{metres(entry.stretch.length_m)}, ±{metres(entry.sigma_odometry)}"
+        place = {"textcoords": "offset points", "xytext": (7, 7), "zorder": 7}
+        ax.annotate(text, path[len(path) // 2], color=INK, fontsize="small", **place)
+    return bool(ways)
+
+
+def shade_ways(axes: Iterable[Axes], record: Record) -> str:
+    """Shades the times without a sighting that counts; returns what a caption says of it."""
+    ways = [entry.stretch for _, entry in ways_without_sightings(record)]
+    for ax in axes:
+        for way in ways:
+            assert way is not None
+            ax.axvspan(way.from_s, way.to_s, color=INK, alpha=0.09, lw=0, zorder=0)
+    return " Grey: no sighting counted; the position is odometry's there." if ways else ""
+
+
 def ellipses(cov_floor: Array) -> tuple[Array, Array]:
     """Returns half axes (n, 2), m, and angle (n,), rad, of the first, of positions' ellipses.
 
@@ -203,6 +247,7 @@ def _errors(record: Record) -> Plot:
                 ax.set_ylabel(f"{quantity} ({unit})")
         grid[0][column].set_title(name, loc="left", color=colour, weight="bold")
         grid[-1][column].set_xlabel("time (s)")
+    shaded = shade_ways([ax for row in grid for ax in row], record)
     scales = (
         " Odometry has a scale of its own."
         if "odometry" in estimates and len(estimates) > 1
@@ -213,7 +258,7 @@ def _errors(record: Record) -> Plot:
         "Errors over time",
         "Estimate minus truth in the floor frame, not aligned: truth is moved so that its first "
         "pose is the start. x and y in millimetres, heading in degrees. Bands: plus and minus "
-        f"three sigma (99.7 % of a Gaussian). Time from the first node.{scales}",
+        f"three sigma (99.7 % of a Gaussian). Time from the first node.{scales}{shaded}",
         to_svg(made, "errors", "Errors of x, y and heading over time"),
         {"t_s": t, **_columns(record, step, errors=True)},
     )
@@ -262,12 +307,14 @@ def _sigmas(record: Record) -> Plot:
         usual = [np.quantile(_sigma(e)[:, column], 0.05) for e in record.estimates.values()]
         ax.set(xlabel="time (s)", ylabel=f"sigma of {quantity} ({unit})", yscale="log")
         ax.set_ylim(bottom=0.5 * scale * min(usual))  # the start may be known to the micrometre
+    shaded = shade_ways(grid[0], record)
     legend(made, *grid[0][0].get_legend_handles_labels())
     return Plot(
         "errors",
         "Uncertainty over time",
         "The log has no true path, so only what the methods claim: one standard deviation in the "
-        "floor frame, x and y in millimetres, heading in degrees. Time from the first node.",
+        "floor frame, x and y in millimetres, heading in degrees. Time from the first node."
+        f"{shaded}",
         to_svg(made, "errors", "Standard deviations of x, y and heading over time"),
         {"t_s": t - t[0], **_columns(record, step, errors=False)},
     )

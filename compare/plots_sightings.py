@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 from scipy.stats import chi2
 
+from compare.consistency import SHARES, Innovations, band, innovations
 from compare.plots_style import (
     INK,
     MOST_TICKS,
@@ -75,7 +76,7 @@ def _mean_per_bin(node: Array, count: int, step: int) -> Array:
     return np.add.reduceat(per_node, starts) / np.diff(np.append(starts, count))
 
 
-def innovations(record: Record) -> Plot | None:
+def innovations_over_time(record: Record) -> Plot | None:
     """Returns the normalised innovations squared over time; None where no method has any."""
     names = [n for n, e in record.estimates.items() if np.isfinite(e.nis).any()]
     if not names:
@@ -102,6 +103,55 @@ def innovations(record: Record) -> Plot | None:
         to_svg(made, "nis", "Normalised innovations squared over time"),
         _nis_data(record, names),
     )
+
+
+def innovations_along_the_way(record: Record) -> Plot | None:
+    """Returns the joint NIS of equal shares of the way with bands; None where none is predicted."""
+    driven = record.measurements.driven()
+    found = {name: innovations(e, driven, SHARES) for name, e in record.estimates.items()}
+    curves = {name: curve for name, curve in found.items() if curve is not None}
+    if not curves:
+        return None
+    made, [row] = figure(2.5, 1, len(curves), sharey=True, gap=(0.0, 0.15))
+    drawn: dict[str, Columns] = {}
+    for ax, (name, curve) in zip(row, curves.items(), strict=True):
+        drawn |= draw_innovations(ax, name, curve)
+        ax.set_title(name, loc="left", color=method_colour(name), weight="bold")
+        ax.set_xlabel("driven (m)")
+    row[0].set_ylabel("NIS / dof")
+    return Plot(
+        "nis-along-the-way",
+        "Innovations along the way",
+        f"Squared innovations over what the method expects of them, in {SHARES} equal shares of "
+        "the way, those of one node taken jointly, per degree of freedom; a smoother predicts "
+        f"nothing and has none. Bands hold {NIS_PROBABILITY:.0%} of an honest filter's "
+        "(chi-square of the share's degrees of freedom, independent from share to share). Shares "
+        "above it: surer than it should be there, or matched wrongly.",
+        to_svg(made, "nis-along-the-way", "Normalised innovations over the distance driven"),
+        drawn,
+    )
+
+
+def draw_innovations(ax: Axes, name: str, curve: Innovations) -> dict[str, Columns]:
+    """Draws one method's innovations along the way, with bands; returns the numbers drawn."""
+    edges = np.concatenate([[0.0], curve.distance])
+    limits = np.array([band(f) if f > 0 else (np.nan, np.nan) for f in curve.freedom])
+    for left, right, (low, high) in zip(edges[:-1], edges[1:], limits, strict=True):
+        ax.fill_between([left, right], low, high, color=INK, alpha=0.08, lw=0)
+    values = np.maximum(curve.nis, SMALLEST_NIS)
+    ax.stairs(values, edges, baseline=None, color=method_colour(name), lw=1.4)
+    ax.axhline(1.0, color=INK, lw=0.5, alpha=0.5)
+    ax.set_yscale("log")
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.minorticks_off()
+    return {
+        f"{name}_to_m": curve.distance,
+        f"{name}_per_dof_nis": curve.nis,
+        f"{name}_dof": curve.freedom,
+        f"{name}_band_low_nis": limits[:, 0],
+        f"{name}_band_high_nis": limits[:, 1],
+    }
 
 
 def _nis_data(record: Record, names: Sequence[str]) -> dict[str, Columns]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import chi2
 
+from compare.plots_path import shade_ways
 from compare.plots_style import (
     INK,
     METHOD_DASHES,
@@ -60,6 +61,7 @@ def variances(record: Record) -> Plot:
         below.set(xlabel="time (s)", ylabel=f"variance of {quantity} ({symbol}²)", yscale="log")
         below.set_ylim(bottom=0.3 * scale**2 * min(usual))  # the start may be known to the um
         below.minorticks_off()
+    shaded = shade_ways(grid[1], record)
     legend(made, *grid[0][0].get_legend_handles_labels())
     return Plot(
         "variance",
@@ -67,7 +69,7 @@ def variances(record: Record) -> Plot:
         "Above: x and y in metres and heading in degrees, floor frame, not aligned; below: the "
         "variance that each method claims, in square metres and square degrees, on a logarithmic "
         "axis. A filter's variance falls when a line is seen again; a smoother's is low "
-        "throughout, as every pose uses the whole run. Time from the first node.",
+        f"throughout, as every pose uses the whole run. Time from the first node.{shaded}",
         to_svg(made, "variance", "Pose and variance over time"),
         drawn,
     )

@@ -9,9 +9,15 @@ from typing import Literal, get_args
 
 from compare.agreement import Agreement
 from compare.comparison import Comparison, MethodMetrics
-from compare.consistency import band
 from compare.noise import noise_sentence
-from graphslam.elsewhere import OTHER_PLACES
+from compare.verdict_methods import (
+    beaten_by_odometry,
+    cautions,
+    honesty,
+    line_counts,
+    right_matches,
+)
+from compare.words import listed, metres
 
 WORTH_SHARE = 0.20
 """A difference matters only above this share of the larger figure, ..."""
@@ -20,8 +26,6 @@ WORTH_M = 1e-3
 OPEN_RATIO = 3.0
 """Where the last position is so much less certain along a direction that no sighting fixes than
 across it, neither method is worth choosing before that direction is seen."""
-BLIND_M = 5.0
-"""A stretch without any sighting that counts is spoken of from this length on, m."""
 DISAGREE_SIGMAS = 3.0
 """Two maps contradict each other where they differ by more than this many sigmas (RMS)."""
 
@@ -65,11 +69,11 @@ def verdict(comparison: Comparison) -> tuple[str, ...]:
         *_causality(pair),
         *_causal_counterparts(methods, pair),
         *_agreements(comparison.agreement, pair),
-        *_beaten_by_odometry(methods),
-        *_line_counts(methods),
-        *_right_matches(methods),
-        *_consistency(methods),
-        *_cautions(methods),
+        *beaten_by_odometry(methods),
+        *line_counts(methods),
+        *right_matches(methods),
+        *honesty(methods),
+        *cautions(methods),
         *([noise] if noise else []),
     )
 
@@ -105,11 +109,11 @@ def _first_of_all(pair: Pair | None) -> Iterator[str]:
         across = math.sqrt(max(pair[1].last_position_sigma_m ** 2 - direction.sigma**2, 0.0))
         if direction.sigma <= OPEN_RATIO * across:
             continue
-        angle = math.degrees(math.atan2(direction.direction[1], direction.direction[0])) % 180.0
+        angle = direction.angle_deg
         yield (
             f"Do neither before adding a second line direction: along {angle:.0f}° (floor frame) "
-            f"no line fixes the position, and the last one is known to {_metres(direction.sigma)} "
-            f"there, to {_metres(across)} across. Filter and smoother share this; lines with "
+            f"no line fixes the position, and the last one is known to {metres(direction.sigma)} "
+            f"there, to {metres(across)} across. Filter and smoother share this; lines with "
             f"normals along {angle:.0f}° end it. (It counts from a ratio of {OPEN_RATIO:g} on.)"
         )
 
@@ -119,10 +123,10 @@ def _best_possible(comparison: Comparison) -> Iterator[str]:
     if bound is None or bound.at != "truth":
         return
     figures = {"path": bound.path_m, "last pose": bound.final_m, "map": bound.map_m}
-    said = [f"the {name} to {_metres(v)}" for name, v in figures.items() if math.isfinite(v)]
+    said = [f"the {name} to {metres(v)}" for name, v in figures.items() if math.isfinite(v)]
     yield (
         "The best there is, on average over runs as noisy as the measurements' covariances say: "
-        f"{_and(said)} (RMS, from the common start; Cramér–Rao bound at the truth). Errors far "
+        f"{listed(said)} (RMS, from the common start; Cramér–Rao bound at the truth). Errors far "
         "below it mean that those covariances are too large."
     )
 
@@ -137,7 +141,7 @@ def _headline(
     if pair is None or not any(f.better for f in findings):
         return
     by = {side: [f.quantity for f in findings if f.better == side] for side in get_args(Side)}
-    ours, theirs, same = (_and(by[side]) for side in ("smoother", "filter", "neither"))
+    ours, theirs, same = (listed(by[side]) for side in ("smoother", "filter", "neither"))
     if ours and theirs:
         answer = f"it depends: smoothing gives the better {ours}, filtering the better {theirs}."
     elif ours:
@@ -149,7 +153,7 @@ def _headline(
     else:
         answer = f"filtering is enough: smoothing changes the {same} by nothing that matters."
     source = "ground truth" if judged else "the methods' own covariances"
-    limits = f"above {WORTH_SHARE:.0%} and {_metres(WORTH_M)}"
+    limits = f"above {WORTH_SHARE:.0%} and {metres(WORTH_M)}"
     yield f"By {source}, {answer} (A difference matters {limits}.)"
 
 
@@ -192,7 +196,7 @@ def _sigma_findings(methods: Sequence[MethodMetrics], pair: Pair | None) -> Iter
 
 
 def _finding(quantity: str, what: str, figures: dict[str, float], pair: Pair | None) -> Finding:
-    listed = ", ".join(f"{name} {_metres(value)}" for name, value in figures.items())
+    listed = ", ".join(f"{name} {metres(value)}" for name, value in figures.items())
     if pair is None or not all(m.method in figures for m in pair):
         return Finding(quantity, None, f"{what}: {listed}.")
     before, after = (figures[m.method] for m in pair)
@@ -202,7 +206,7 @@ def _finding(quantity: str, what: str, figures: dict[str, float], pair: Pair | N
     if size <= 0.01 * before:
         change = "changes it by less than 1%"
     else:
-        by = f"{size / before:.0%}" if before else _metres(size)
+        by = f"{size / before:.0%}" if before else metres(size)
         change = f"{'cuts' if after < before else 'raises'} the filter's by {by}"
     worth = "which matters" if matters else "which does not matter"
     return Finding(quantity, better, f"{what}: {listed}; smoothing {change}, {worth}.")
@@ -225,8 +229,8 @@ def _causal_counterparts(methods: Sequence[MethodMetrics], pair: Pair | None) ->
         if m.causal and m.sightings_used and m is not pair[0] and m.trajectory is not None:
             theirs, ours = m.trajectory.rmse_m, pair[0].trajectory.rmse_m
             yield (
-                f"With the data up to each time the path of {m.method} errs by {_metres(theirs)}, "
-                f"that of {pair[0].method} by {_metres(ours)} (RMS, from the common start)."
+                f"With the data up to each time the path of {m.method} errs by {metres(theirs)}, "
+                f"that of {pair[0].method} by {metres(ours)} (RMS, from the common start)."
             )
 
 
@@ -236,125 +240,15 @@ def _agreements(entries: Sequence[Agreement], pair: Pair | None) -> Iterator[str
     names = {m.method for m in pair}
     for entry in (e for e in entries if {e.first, e.second} == names):
         yield (
-            f"{entry.first} and {entry.second} differ by {_metres(entry.position_rms_m)} RMS along "
-            f"the path (at most {_metres(entry.position_max_m)}) and by "
-            f"{_metres(entry.last_position_m)} at the last pose."
+            f"{entry.first} and {entry.second} differ by {metres(entry.position_rms_m)} RMS along "
+            f"the path (at most {metres(entry.position_max_m)}) and by "
+            f"{metres(entry.last_position_m)} at the last pose."
         )
         if entry.map is not None and len(entry.map.row_a):
             text = (
                 f"Their {len(entry.map.row_a)} common lines differ by "
-                f"{_metres(entry.map.offset_rms_m)} and {entry.map.alpha_rms_deg:.2g}° RMS, "
+                f"{metres(entry.map.offset_rms_m)} and {entry.map.alpha_rms_deg:.2g}° RMS, "
                 f"{entry.map.sigmas_rms:.2g} of their sigmas"
             )
             contradict = entry.map.sigmas_rms > DISAGREE_SIGMAS
             yield text + (": at least one of them is wrong about itself." if contradict else ".")
-
-
-# ---- each method by itself ---------------------------------------------------------------------
-
-
-def _beaten_by_odometry(methods: Sequence[MethodMetrics]) -> Iterator[str]:
-    alone = [m.trajectory for m in methods if not m.sightings_used and m.trajectory is not None]
-    for m in methods:
-        if not alone or m.trajectory is None or not m.sightings_used:
-            continue
-        if m.trajectory.aligned_rmse_m > alone[0].aligned_rmse_m:
-            yield f"The path of {m.method} is worse than odometry alone: do not use it as it is."
-
-
-def _line_counts(methods: Sequence[MethodMetrics]) -> Iterator[str]:
-    texts: dict[str, list[str]] = {}
-    for m in methods:
-        if m.map is not None:
-            texts.setdefault(_line_count(m), []).append(m.method)
-    for text, names in texts.items():
-        yield f"{_and(names)}: {text}."
-
-
-def _line_count(m: MethodMetrics) -> str:
-    figures = m.map
-    assert figures is not None
-    if figures.true_lines_seen is None:
-        text = f"{figures.matched} true lines mapped (nothing tells how many were to be seen)"
-    else:
-        text = f"{figures.matched} of {figures.true_lines_seen} seen lines mapped"
-    text += f", {figures.duplicates or 'none'} twice, {figures.spurious or 'none'} spurious"
-    if figures.unseen:
-        text += f", and {figures.unseen} that hardly came into view"
-    return text
-
-
-def _right_matches(methods: Sequence[MethodMetrics]) -> Iterator[str]:
-    for m in methods:
-        if m.matching is not None:
-            count = int(m.matching.identifications.sum())
-            yield f"{m.method}: {m.matching.right_share:.1%} of {count} matches are right."
-
-
-def _consistency(methods: Sequence[MethodMetrics]) -> Iterator[str]:
-    for m in methods:
-        if m.overconfidence is not None:
-            yield f"{m.method} is {m.overconfidence}."
-        yield from _confidence(f"{m.method}, poses", m.pose_nees, 3)
-        if m.map is not None:
-            yield from _confidence(f"{m.method}, map", m.map.nees, m.map.nees_freedom)
-
-
-def _confidence(what: str, nees: float, freedom: int) -> Iterator[str]:
-    """Yields how a NEES per degree of freedom compares with its chi-square bounds."""
-    if not nees >= 0.0:
-        return
-    low, high = band(freedom)
-    bounds = f"NEES {nees:.2g} per degree of freedom; {low:.2g} to {high:.2g} is unsuspicious"
-    if nees > high:
-        yield f"{what}: overconfident, the errors exceed their covariance ({bounds})."
-    elif nees < low:
-        yield f"{what}: conservative, the errors stay far below their covariance ({bounds})."
-    else:
-        yield f"{what}: consistent with its covariance ({bounds})."
-
-
-def alarms(methods: Sequence[MethodMetrics]) -> Iterator[str]:
-    """Yields what makes a method's figures worthless or doubtful: it was lost, or unfinished."""
-    for m in methods:
-        for reason, times in m.counts.items():
-            if reason.startswith("lost"):
-                often = "once" if times == 1 else f"{times} times"
-                yield f"{m.method} was lost {often}{reason.removeprefix('lost')}."
-            if reason.startswith(OTHER_PLACES):
-                yield (
-                    f"{m.method} does not know its place: {times} {reason}. Give [start] in the "
-                    "frame of the known map, or drive where the floor does not repeat."
-                )
-        if not m.converged and not m.iterations:
-            if not any(reason.startswith(OTHER_PLACES) for reason in m.counts):
-                yield f"{m.method} has not found its place on the known map: its path is a guess."
-        elif not m.converged:
-            yield (
-                f"{m.method} did not converge in {m.iterations} iterations: its figures are those "
-                "of an unfinished optimisation."
-            )
-
-
-def _cautions(methods: Sequence[MethodMetrics]) -> Iterator[str]:
-    for m in methods:
-        if m.sightings_used:
-            for direction in m.unobserved:
-                yield f"{m.method}: {direction}."
-        if m.blind is not None and m.blind.length_m > BLIND_M:
-            yield f"{m.method}: {m.blind}."
-        if m.map is not None and not m.map.matched and m.trajectory is None:
-            yield (
-                f"No line of {m.method} lies near a seen true line. Without a true path the map is "
-                "compared as it stands: [start] must be in the frame of the true map."
-            )
-    yield from alarms(methods)
-
-
-def _and(words: Sequence[str]) -> str:
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
-
-
-def _metres(value: float) -> str:
-    """Returns a length with three significant digits, in mm below 1 m."""
-    return f"{value:.3g} m" if abs(value) >= 1.0 else f"{1e3 * value:.3g} mm"

@@ -136,13 +136,24 @@ def velocities(t: Array, odometry: Odometry) -> Array:
 def odometry_at(log: Log, t: Array, noise: NoiseConfig) -> Odometry:
     """Returns the odometry between nodes at times (N,), s, increasing, within the wheel record."""
     drive = assumed_drive(log, noise)
-    raw: tuple[Array, Array] | tuple[()] = ()
-    if log.wheels is not None:
-        increment, cov = increments_from_wheels(log.wheels.t, log.wheels.angle, t, drive)
-        raw = log.wheels.t, log.wheels.angle
+    wheels = log.wheels
+    if wheels is not None:
+        increment, cov = increments_from_wheels(wheels.t, wheels.angle, t, drive)
+        radii = np.array([drive.wheel_radius_left, drive.wheel_radius_right])
+        metres = _between_nodes(wheels.t, np.diff(wheels.angle @ radii / 2.0), t)
     else:
         assert log.odometry is not None, "a log without odometry cannot be made"
         increment, cov = increments_from_poses(log.odometry.t, log.odometry.pose, t, drive)
+        steps = np.hypot(*np.diff(log.odometry.pose[:, :2], axis=0).T)
+        metres = _between_nodes(log.odometry.t, steps, t)
     if noise.process_mps is not None:
         cov = process_covariance(np.diff(t), noise.process_mps)
-    return Odometry(increment, cov, *raw)
+    if wheels is None:
+        return Odometry(increment, cov, metres=metres)
+    return Odometry(increment, cov, wheels.t, wheels.angle, metres)
+
+
+def _between_nodes(reading_t: Array, step: Array, t: Array) -> Array:
+    """Returns the metres (N-1,) driven between nodes, of steps (W-1,) between readings (W,)."""
+    driven = np.concatenate([[0.0], np.cumsum(np.abs(step))])
+    return np.asarray(np.diff(np.interp(t, reading_t, driven)))

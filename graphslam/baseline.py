@@ -20,19 +20,30 @@ def integrate(start: Array, increment: Array) -> Array:
     return np.column_stack([position, wrap(theta)])
 
 
-def propagate(measurements: Measurements) -> tuple[Array, Array]:
-    """Returns dead-reckoned poses (N, 3) and their covariances (N, 3, 3), floor frame.
+def carried(pose: Array, start_cov: Array, increment: Array, noise: Array) -> tuple[Array, Array]:
+    """Returns the poses (N, 3) that increments lead to, and their covariances (N, 3, 3).
+
+    Args:
+        pose: (3,) where they begin, floor frame.
+        start_cov: (3, 3) its covariance, floor frame.
+        increment: (N-1, 3) motions, each in the frame of the pose before it.
+        noise: (N-1, 3, 3) their covariances, same frames.
 
     Source: SantanaSLAM eq. (2).
     """
-    odometry = measurements.odometry
-    pose = integrate(measurements.start_pose, odometry.increment)
-    F, Q, _ = transition(pose[:-1], pose[1:], odometry.increment, odometry.cov)
-    cov = np.empty((len(pose), 3, 3))
-    cov[0] = measurements.start_cov
+    path = integrate(pose, increment)
+    F, Q, _ = transition(path[:-1], path[1:], increment, noise)
+    cov = np.empty((len(path), 3, 3))
+    cov[0] = start_cov
     for i in range(len(F)):
         cov[i + 1] = F[i] @ cov[i] @ F[i].T + Q[i]
-    return pose, 0.5 * (cov + np.swapaxes(cov, 1, 2))
+    return path, 0.5 * (cov + np.swapaxes(cov, 1, 2))
+
+
+def propagate(measurements: Measurements) -> tuple[Array, Array]:
+    """Returns dead-reckoned poses (N, 3) and their covariances (N, 3, 3), floor frame."""
+    odometry, start = measurements.odometry, measurements.start_pose
+    return carried(start, measurements.start_cov, odometry.increment, odometry.cov)
 
 
 def dead_reckoning(measurements: Measurements) -> Estimate:

@@ -84,6 +84,7 @@ class Filter(Matcher):
         used: (K,) whether the sighting is used.
         nis: (K,) squared normalised innovation; NaN where not used or where it started a landmark.
         counts: what happened to sightings, by reason.
+        innovation: (N, 2) joint squared normalised innovation of each node, and its freedom.
         history: the landmarks' variances, node by node.
         waiting: sightings that cannot start a landmark yet.
     """
@@ -104,6 +105,7 @@ class Filter(Matcher):
         self.used = np.zeros(count, bool)
         self.nis = np.full(count, np.nan)
         self.counts: Counter[str] = Counter()
+        self.innovation = np.zeros((len(measurements.t), 2))
         self.history = History(len(measurements.t))
         self.waiting = Waiting(self)
 
@@ -139,10 +141,12 @@ class Filter(Matcher):
         """Comes to a node and takes those of its sightings that are known at node ``now``."""
         if node > 0:
             self.predict(node - 1)
+        before = self.state.innovation.copy()
         for first, table in arrivals.tables:
             rows = arrivals.rows(table, node, now)
             if len(rows):
                 self.take_sightings(node, table, rows, first)
+        self.innovation[node] = self.state.innovation - before
         self.after_node(node)
         self.waiting.after_node(node)
         self.history.remember(self.roster, self.state, self.waiting.columns())

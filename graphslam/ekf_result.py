@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from graphslam.baseline import propagate
+from graphslam.ending import end
 from graphslam.estimate import Estimate
 from graphslam.geometry import Array
-from graphslam.information import position_information, unobserved_directions
 from graphslam.kalman import JointState
-from graphslam.landmarks import finish_map, padded
+from graphslam.landmarks import padded
 from graphslam.measurements import IntArray
 from graphslam.models import MODELS
 from graphslam.roster import GONE, Roster
@@ -85,22 +84,22 @@ def result(run: Filter, pose: Array, cov: Array) -> Estimate:
     given = [row[:d] for row, d in zip(run.known, dims, strict=False)]
     params = padded([*given, *(run.state.mean[o : o + d] for o, d in own)])
     joint = run.state.joint(3, sum(dims[: roster.known]))
-    landmarks, joint = finish_map(m, pose, kinds, params, match, joint)
-    information = position_information(m, pose, landmarks, match)
-    _, cov_odometry = propagate(m)
+    used, cov = run.used & ~gone, 0.5 * (cov + np.swapaxes(cov, 1, 2))
+    ending = end(m, pose, cov, kinds, params, match, used, joint)
     return Estimate(
         method=run.name,
         causal=True,
         t=m.t,
         pose=pose,
-        cov_floor=0.5 * (cov + np.swapaxes(cov, 1, 2)),
-        map=landmarks,
-        cov_joint=joint,
+        cov_floor=cov,
+        map=ending.map,
+        cov_joint=ending.cov_joint,
         match=match,
-        used=run.used & ~gone,
+        used=used,
         nis=np.where(gone, np.nan, run.nis),
         weight=np.ones(len(match)),
-        unobserved=unobserved_directions(information, joint[:3, :3], cov_odometry[-1]),
+        unobserved=ending.unobserved,
         counts={reason: n for reason, n in sorted(run.counts.items()) if n},
         map_variance=run.history.table(roster, kept),
+        innovation=run.innovation if run.innovation.any() else None,
     )

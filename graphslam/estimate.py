@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import astuple, dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -23,23 +23,69 @@ Told = Callable[[int], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Unobserved:
-    """A direction that the sightings left as uncertain as odometry alone.
+class Stretch:
+    """A part of the way.
 
     Attributes:
-        quantity: "position" or "heading".
-        direction: (2,) unit vector in the floor frame; (0, 0) for the heading, and for the position
-            where no direction of it is observed.
-        sigma: posterior standard deviation of the last pose along it, m or rad.
-        sigma_odometry: the same of odometry alone, m or rad.
+        from_s: when it begins, s from the first node.
+        to_s: when it ends.
+        from_m: where it begins, metres driven by odometry.
+        to_m: where it ends.
+        from_xy: position where it begins, m, floor frame.
+        to_xy: position where it ends.
+        poses: how many poses are estimated on it, its ends apart.
+    """
+
+    from_s: float
+    to_s: float
+    from_m: float
+    to_m: float
+    from_xy: tuple[float, float]
+    to_xy: tuple[float, float]
+    poses: int
+
+    @property
+    def length_m(self) -> float:
+        """How long it is, m."""
+        return self.to_m - self.from_m
+
+    def __str__(self) -> str:
+        ends = [f"x {x:.2f}, y {y:.2f} m" for x, y in (self.from_xy, self.to_xy)]
+        return (
+            f"no line or other landmark counted for {self.length_m:.3g} m, from "
+            f"{self.from_s:.4g} s to {self.to_s:.4g} s ({ends[0]} to {ends[1]})"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Unobserved:
+    """What the sightings left as uncertain as odometry alone.
+
+    Attributes:
+        quantity: "position" or "heading" of the last pose, or "way": the position on a part of the
+            way on which no sighting counts.
+        direction: (2,) unit vector in the floor frame; (0, 0) for the heading, for a way, and for
+            the position where no direction of it is observed.
+        sigma: posterior standard deviation of the last pose along it, m or rad; for a way the
+            largest of the position at the poses of it, m.
+        sigma_odometry: the same of odometry alone, m or rad; for a way what odometry's position
+            drifts by from its beginning to its end.
+        stretch: which part of the way; None for what is said of the last pose.
     """
 
     quantity: str
     direction: tuple[float, float]
     sigma: float
     sigma_odometry: float
+    stretch: Stretch | None = None
 
     def __str__(self) -> str:
+        if self.stretch is not None:
+            known = f"the position is known to {1e3 * self.sigma:.0f} mm at worst"
+            return (
+                f"{self.stretch}: odometry drifts by {1e3 * self.sigma_odometry:.0f} mm there (one "
+                f"sigma), and {known if self.stretch.poses else 'no pose is estimated on it'}"
+            )
         if self.quantity == "heading":
             return (
                 f"the heading is not observed: sigma {np.degrees(self.sigma):.2f}°, "
@@ -47,12 +93,31 @@ class Unobserved:
             )
         where = "the position"
         if self.direction != (0.0, 0.0):
-            angle = np.degrees(np.arctan2(self.direction[1], self.direction[0])) % 180.0
-            where = f"the position along {angle:.0f}° (floor frame)"
+            where = f"the position along {self.angle_deg:.0f}° (floor frame)"
         return (
             f"{where} is not observed: "
             f"sigma {1e3 * self.sigma:.0f} mm, odometry alone {1e3 * self.sigma_odometry:.0f} mm"
         )
+
+    @property
+    def angle_deg(self) -> float:
+        """The direction's angle in the floor frame, from 0 to 180 degrees."""
+        x, y = self.direction
+        return float(np.degrees(np.arctan2(y, x)) % 180.0)
+
+    def to_list(self) -> list[Any]:
+        """Returns it in types that JSON knows."""
+        own = [self.quantity, list(self.direction), self.sigma, self.sigma_odometry]
+        return own if self.stretch is None else [*own, list(astuple(self.stretch))]
+
+    @staticmethod
+    def from_list(content: list[Any]) -> Unobserved:
+        """Returns what `to_list` gave."""
+        quantity, (x, y), sigma, sigma_odometry, *where = content
+        stretch = None
+        for from_s, to_s, from_m, to_m, (x1, y1), (x2, y2), poses in where:
+            stretch = Stretch(from_s, to_s, from_m, to_m, (x1, y1), (x2, y2), poses)
+        return Unobserved(quantity, (x, y), sigma, sigma_odometry, stretch)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +144,7 @@ class Estimate:
         iterations: of the optimiser; 0 for recursive methods.
         converged: whether the optimiser met its tolerance.
         engine: who minimised; empty for methods that have no choice of it.
-        unobserved: directions that the data does not fix.
+        unobserved: directions of the last pose, and parts of the way, that the data does not fix.
         counts: what happened to sightings (rejected by reason, times lost, ...), by name.
         map_variance: (N, L) variances of all landmark parameters as they were known at each node,
             in the order of ``cov_joint``, NaN before a landmark was started; None for methods that
@@ -104,6 +169,7 @@ class Estimate:
     unobserved: tuple[Unobserved, ...] = ()
     counts: Mapping[str, int] = field(default_factory=dict)
     map_variance: Array | None = None
+    innovation: Array | None = None
 
     def __post_init__(self) -> None:
         nodes, size, sightings = len(self.t), int(self.map.offsets()[-1]), len(self.match)
@@ -125,6 +191,9 @@ class Estimate:
             shape = (nodes, size - 3)
             value = frozen("map_variance", self.map_variance, shape, float, True)
             object.__setattr__(self, "map_variance", value)
+        if self.innovation is not None:
+            value = frozen("innovation", self.innovation, (nodes, 2), float, False)
+            object.__setattr__(self, "innovation", value)
 
     def __reduce__(self) -> tuple[Any, ...]:
         values = [getattr(self, f.name) for f in fields(self)]
@@ -153,17 +222,16 @@ class Estimate:
             "engine": self.engine,
             "counts": dict(self.counts),
             "kinds": list(self.map.kind),
-            "unobserved": [
-                [u.quantity, list(u.direction), u.sigma, u.sigma_odometry] for u in self.unobserved
-            ],
+            "unobserved": [entry.to_list() for entry in self.unobserved],
         }
         arrays: dict[str, AnyArray] = {
             "header": np.frombuffer(json.dumps(header).encode(), np.uint8)
         }
         for name in ("t", "pose", "cov_floor", "cov_joint", "match", "used", "nis", "weight"):
             arrays[name] = getattr(self, name)
-        if self.map_variance is not None:
-            arrays["map_variance"] = self.map_variance
+        for name in ("map_variance", "innovation"):
+            if getattr(self, name) is not None:
+                arrays[name] = getattr(self, name)
         for name in ("id", "params", "extent", "sightings", "label"):
             arrays[f"map.{name}"] = getattr(self.map, name)
         save_arrays(path, arrays)
@@ -180,7 +248,7 @@ class Estimate:
             header = json.loads(arrays.pop("header").tobytes())
             if header.pop("format") != ESTIMATE_FORMAT:
                 raise BadMeasurements(f"{path}: not an estimate of this version")
-            unobserved = tuple(Unobserved(q, (d[0], d[1]), *s) for q, d, *s in header["unobserved"])
+            unobserved = tuple(map(Unobserved.from_list, header["unobserved"]))
             landmarks = LandmarkMap(
                 kind=tuple(header.pop("kinds")),
                 **{k[4:]: arrays.pop(k) for k in list(arrays) if k.startswith("map.")},

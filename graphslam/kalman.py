@@ -50,11 +50,14 @@ class JointState:
     Attributes:
         size: entries in use; the pose is the first three.
         log_likelihood: of all innovations that corrected the state, log N(innovation; 0, S) summed.
+        innovation: (2,) their joint squared norm, innovation' S^-1 innovation summed, and how many
+            degrees of freedom they had.
     """
 
     def __init__(self, pose: Array, cov: Array) -> None:
         self.size = 3
         self.log_likelihood = 0.0
+        self.innovation = np.zeros(2)
         self._mean = np.zeros(64)
         self._P = np.zeros((64, 64))
         self.mean[:], self.P[:] = pose, cov
@@ -144,7 +147,9 @@ class JointState:
         y = whiten @ innovation.ravel()
         W = np.zeros((-(-count * d // FEW) * FEW, self.size))
         W[: count * d] = whiten @ HP.reshape(count * d, self.size)
-        self.log_likelihood += float(np.log(np.diag(whiten) / ROOT_TWO_PI).sum() - 0.5 * y @ y)
+        squared = float(y @ y)
+        self.log_likelihood += float(np.log(np.diag(whiten) / ROOT_TWO_PI).sum()) - 0.5 * squared
+        self.innovation += squared, count * d
         self.mean[:] += y @ W[: count * d]
         self.mean[2] = wrap(self.mean[2])
         _subtract_products(self.P, W)

@@ -28,8 +28,9 @@ if TYPE_CHECKING:
 TOO_LATE = "sighting that came too late to go back for"
 OUT_OF_ORDER = "sighting that came after others that were made later"
 
-CONTENT = frozenset({"measurements", "config", "at", "known", "history", "match", "used", "nis"})
-"""What of a filter is not copied to go back to: it does not change, or is cut off instead."""
+UNCHANGED = {"measurements", "config", "at", "known"}
+CONTENT = UNCHANGED | {"history", "match", "used", "nis", "innovation", "first_poses"}
+"""What of a filter is not copied to go back to: the rest of it is cut off, or written anew."""
 
 
 class Arrivals:

@@ -31,12 +31,14 @@ class Odometry:
         cov: (N-1, 3, 3) its covariance, frame of node i, positive definite.
         wheel_t: (W,) times of the raw readings, s, or None.
         wheel_angle: (W, 2) cumulative wheel angles, left and right, rad, or None.
+        metres: (N-1,) driven between the nodes, forwards or backwards, m, or None: straight lines.
     """
 
     increment: Array
     cov: Array
     wheel_t: Array | None = None
     wheel_angle: Array | None = None
+    metres: Array | None = None
 
     def __post_init__(self) -> None:
         count = len(self.increment)
@@ -49,6 +51,8 @@ class Odometry:
             _set(self, "wheel_t", frozen("odometry.wheel_t", self.wheel_t, (None,)))
             shape = (len(self.wheel_t), 2)
             _set(self, "wheel_angle", frozen("odometry.wheel_angle", self.wheel_angle, shape))
+        if self.metres is not None:
+            _set(self, "metres", frozen("odometry.metres", self.metres, (count,)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,6 +247,13 @@ class Measurements:
         for table in self.sightings.values():
             yield first, table
             first += len(table)
+
+    def driven(self) -> Array:
+        """Returns (N,) the metres driven up to each node, by odometry."""
+        steps = self.odometry.metres
+        if steps is None:
+            steps = np.hypot(*self.odometry.increment[:, :2].T)
+        return np.concatenate([[0.0], np.cumsum(steps)])
 
     def without_sightings(self) -> Measurements:
         """Returns the same nodes and odometry with no sightings at all."""

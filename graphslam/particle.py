@@ -14,11 +14,10 @@ from graphslam.baseline import propagate
 from graphslam.cloud import Cloud, effective_number
 from graphslam.config import MatchingConfig, ParticleConfig
 from graphslam.elsewhere import Elsewhere, elsewhere
+from graphslam.ending import end
 from graphslam.errors import BadMeasurements
 from graphslam.estimate import Estimate, Unobserved
 from graphslam.geometry import Array, compose, wrap
-from graphslam.information import position_information, unobserved_directions
-from graphslam.landmarks import finish_map
 from graphslam.measurements import LandmarkMap, Measurements
 from graphslam.particle_looks import (
     Look,
@@ -309,20 +308,19 @@ class _Localisation:
         m, known = self.measurements, self.known
         joint = np.zeros((int(known.offsets()[-1]),) * 2)
         joint[:3, :3] = cov[-1]
-        landmarks, joint = finish_map(m, pose, known.kind, known.params, self.match, joint)
-        information = position_information(m, pose, landmarks, self.match)
-        cov_odometry = propagate(m)[1][-1]
-        unobserved = unobserved_directions(information, cov[-1], cov_odometry)
-        if not known_place and not unobserved:
-            unobserved = (_nowhere(cov[-1], cov_odometry),)
+        cov = 0.5 * (cov + np.swapaxes(cov, 1, 2))
+        ending = end(m, pose, cov, known.kind, known.params, self.match, self.used, joint)
+        unobserved = ending.unobserved
+        if not known_place and not any(entry.stretch is None for entry in unobserved):
+            unobserved = (_nowhere(cov[-1], propagate(m)[1][-1]), *unobserved)
         return Estimate(
             method="particle",
             causal=True,
             t=m.t,
             pose=pose,
-            cov_floor=0.5 * (cov + np.swapaxes(cov, 1, 2)),
-            map=landmarks,
-            cov_joint=joint,
+            cov_floor=cov,
+            map=ending.map,
+            cov_joint=ending.cov_joint,
             match=self.match,
             used=self.used,
             nis=self.nis,

@@ -7,11 +7,9 @@ from importlib import import_module
 
 import numpy as np
 
-from graphslam.baseline import propagate
 from graphslam.config import Engine, SmootherConfig
+from graphslam.ending import end
 from graphslam.estimate import Estimate
-from graphslam.information import position_information, unobserved_directions
-from graphslam.landmarks import finish_map
 from graphslam.measurements import Measurements
 from graphslam.smoother.fit import sighting_fit
 from graphslam.smoother.problem import Minimum, Problem, state_problem
@@ -105,12 +103,11 @@ def finish(problem: Problem, minimum: Minimum) -> Estimate:
     """
     measurements, match, pose = problem.measurements, problem.match, minimum.pose
     cov, joint = minimum.covariances()
-    landmarks, joint = finish_map(measurements, pose, problem.kinds, minimum.params, match, joint)
-    information = position_information(measurements, pose, landmarks, match)
-    _, cov_odometry = propagate(measurements)
-    nis, _ = sighting_fit(measurements, pose, landmarks.params, match)
+    nis, _ = sighting_fit(measurements, pose, minimum.params, match)
     off = problem.weight == 0.0
     nis[off] = np.nan
+    used = np.isfinite(nis)
+    ending = end(measurements, pose, cov, problem.kinds, minimum.params, match, used, joint)
     slipped = problem.odometry_weight < 0.5
     counts = {SWITCHED_OFF: int(off.sum()), SLIPPED: int(slipped.sum())}
     return Estimate(
@@ -119,15 +116,15 @@ def finish(problem: Problem, minimum: Minimum) -> Estimate:
         t=measurements.t,
         pose=pose,
         cov_floor=cov,
-        map=landmarks,
-        cov_joint=joint,
+        map=ending.map,
+        cov_joint=ending.cov_joint,
         match=match,
-        used=np.isfinite(nis),
+        used=used,
         nis=nis,
         weight=problem.weight,
         cost=minimum.cost,
         iterations=minimum.iterations,
         converged=minimum.converged,
-        unobserved=unobserved_directions(information, joint[:3, :3], cov_odometry[-1]),
+        unobserved=ending.unobserved,
         counts={reason: number for reason, number in counts.items() if number},
     )

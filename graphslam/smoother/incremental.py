@@ -11,12 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from graphslam.baseline import propagate
 from graphslam.config import IncrementalConfig
+from graphslam.ending import end
 from graphslam.estimate import Estimate, Told
 from graphslam.geometry import Array, compose, rotate_covariance, wrap
-from graphslam.information import position_information, unobserved_directions
-from graphslam.landmarks import finish_map, padded
+from graphslam.landmarks import padded
 from graphslam.late import TOO_LATE, Arrivals
 from graphslam.measurements import Measurements, Sightings
 from graphslam.models import MODELS
@@ -211,25 +210,31 @@ class _Run:
         joint = last_and_map_covariance(
             problem, self.updates.linear(), free, len(self.pose) - 1, self.pose[-1, 2]
         )
-        landmarks, joint = finish_map(
-            measurements, self.pose, problem.kinds, problem.params, problem.match, joint
+        nis, _ = sighting_fit(measurements, problem.pose, problem.params, problem.match)
+        used = np.isfinite(nis)
+        ending = end(
+            measurements,
+            self.pose,
+            self.cov,
+            problem.kinds,
+            problem.params,
+            problem.match,
+            used,
+            joint,
         )
-        information = position_information(measurements, self.pose, landmarks, problem.match)
-        _, cov_odometry = propagate(measurements)
-        nis, _ = sighting_fit(measurements, problem.pose, landmarks.params, problem.match)
         return Estimate(
             method=self.updates.method,
             causal=self.updates.causal,
             t=measurements.t,
             pose=np.column_stack([self.pose[:, :2], wrap(self.pose[:, 2])]),
             cov_floor=self.cov,
-            map=landmarks,
-            cov_joint=joint,
+            map=ending.map,
+            cov_joint=ending.cov_joint,
             match=problem.match,
-            used=np.isfinite(nis),
+            used=used,
             nis=nis,
             weight=problem.weight,
-            unobserved=unobserved_directions(information, joint[:3, :3], cov_odometry[-1]),
+            unobserved=ending.unobserved,
             counts=dict(self.counts),
         )
 

@@ -9,16 +9,22 @@ import pytest
 
 from compare.comparison import compare
 from compare.consistency import (
+    SHARES,
     Consistency,
     band,
     consistency,
+    innovations,
     mean_of,
     overconfidence,
+    pooled,
     sampled,
+    surprise,
 )
 from compare.truth import truth_of
 from graphslam.baseline import dead_reckoning
+from graphslam.config import EkfConfig, MatchingConfig
 from graphslam.ekf import run_ekf
+from graphslam.measurements import Measurements
 from tests.compare.made import log_with
 from tests.worlds import GRID, drive
 
@@ -90,3 +96,57 @@ def test_a_filter_that_is_told_too_little_noise_is_called_overconfident() -> Non
     found = judged["ekf"].overconfidence
     assert found is not None
     assert 3.0 < found.factor < 30.0
+
+
+def told(measurements: Measurements, factor: float) -> Measurements:
+    """Returns measurements that state ``factor`` times the standard deviations of sightings."""
+    table = measurements.sightings["line"]
+    return replace(measurements, sightings={"line": replace(table, cov=factor**2 * table.cov)})
+
+
+def test_innovations_of_an_honest_filter_are_chi_square_and_need_no_truth() -> None:
+    known = EkfConfig(MatchingConfig(method="known"))
+    runs, surprised = [], 0
+    for seed in range(8):
+        measurements, _ = drive(seed, 150)
+        found = innovations(run_ekf(measurements, known), measurements.driven(), SHARES)
+        assert found is not None
+        assert found.distance[-1] == pytest.approx(measurements.driven()[-1])
+        surprised += surprise(found) is not None
+        runs.append(found)
+    whole = pooled(runs)
+    low, high = band(float(whole.freedom.sum()))
+    assert low < whole.total < high
+    inside = [
+        band(f)[0] < nis < band(f)[1] for nis, f in zip(whole.nis, whole.freedom, strict=True)
+    ]
+    assert sum(inside) >= SHARES - 3
+    assert surprised <= 1
+    assert innovations(dead_reckoning(measurements), measurements.driven(), SHARES) is None
+
+
+def test_a_filter_that_sees_worse_than_it_was_told_is_surprised_from_the_start() -> None:
+    measurements, _ = drive(0, 150)
+    known = EkfConfig(MatchingConfig(method="known"))
+    bold = told(measurements, 0.5)
+    found = innovations(run_ekf(bold, known), bold.driven(), SHARES)
+    assert found is not None
+    said = surprise(found)
+    assert said is not None
+    assert 1.6 < said.factor < 2.1
+    assert said.from_m < 0.25 * found.distance[-1]
+    assert said.nis > said.limit > 1.0
+
+
+def test_a_node_counts_its_innovations_jointly() -> None:
+    """Sightings of one node share its pose's error: their own NIS do not simply add up."""
+    measurements, _ = drive(2, 60)
+    estimate = run_ekf(measurements, EkfConfig(MatchingConfig(method="known")))
+    table = measurements.sightings["line"]
+    assert estimate.innovation is not None
+    counted = np.bincount(table.node[np.isfinite(estimate.nis)], minlength=60)
+    np.testing.assert_array_equal(estimate.innovation[:, 1], 2 * counted)
+    own = np.bincount(table.node, np.nan_to_num(estimate.nis), 60)
+    alone = counted == 1
+    np.testing.assert_allclose(estimate.innovation[alone, 0], own[alone], rtol=1e-9)
+    assert not np.allclose(estimate.innovation[counted > 1, 0], own[counted > 1], rtol=1e-3)

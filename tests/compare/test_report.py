@@ -203,8 +203,8 @@ def test_one_method_alone_still_has_a_report(tmp_path: Path) -> None:
 
 def test_plots_are_well_formed_undated_and_carry_what_they_show_as_text(result: RunResult) -> None:
     plots = sorted((result.folder / "plots").glob("*.svg"))
-    names = ["errors", "floor-plan", "line-variance", "map-errors", "matches", "nees", "nis"]
-    names += ["sightings", "variance"]
+    names = ["errors", "floor-plan", "line-variance", "map-errors", "matches", "nees"]
+    names += ["nis-along-the-way", "nis", "sightings", "variance"]
     assert [p.stem for p in plots] == names
     for path in plots:
         text = path.read_text()

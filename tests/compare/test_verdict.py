@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from compare.comparison import Comparison, MethodMetrics, compare
-from compare.consistency import Consistency
+from compare.consistency import Consistency, Innovations
 from compare.verdict import verdict
 from frontend.extract import extract
 from frontend.simulate import Scenario, load_scenario, simulate_log
@@ -259,8 +259,9 @@ def test_crossing_lines_leave_the_choice_to_the_figures() -> None:
     assert judged.bound is not None
     assert judged.bound.at == "truth"
     assert sentence(judged, "The best there is", "Cramér–Rao")
-    assert judged["smoother"].blind is not None
-    assert judged["smoother"].blind.length_m < 1.0
+    assert judged["smoother"].unobserved == ()
+    assert judged["smoother"].innovations is None
+    assert sentence(judged, "ekf, innovations: on no part of the way too large")
 
 
 def test_a_long_way_without_a_line_is_told_with_its_place() -> None:
@@ -270,12 +271,19 @@ def test_a_long_way_without_a_line_is_told_with_its_place() -> None:
     measurements = replace(
         measurements, start_pose=truth[0], sightings={"line": table.select(kept)}
     )
-    judged = compare(log_with(measurements.t, truth, GRID), measurements, [run_ekf(measurements)])
-    blind = judged["ekf"].blind
-    assert blind is not None
-    assert blind.length_m > 5.0
-    assert (blind.from_s, blind.to_s) == (pytest.approx(9.9), pytest.approx(30.1))
-    assert sentence(judged, "no line counted for", "from 9.9 s to 30.1 s")
+    filtered = run_ekf(measurements)
+    smoothed = smooth(measurements, filtered)
+    judged = compare(log_with(measurements.t, truth, GRID), measurements, [filtered, smoothed])
+    (way,) = judged["ekf"].unobserved
+    assert way.stretch is not None
+    assert way.stretch.length_m > 5.0
+    assert (way.stretch.from_s, way.stretch.to_s) == (pytest.approx(9.9), pytest.approx(30.1))
+    assert way.sigma >= way.sigma_odometry  # a filter's, that begins the way unsure
+    assert judged["smoother"].unobserved[0].sigma < way.sigma
+    text = sentence(judged, "No line or other landmark counted for", "from 9.9 s to 30.1 s")
+    assert "odometry drifts by" in text
+    assert "by ekf and" in text
+    assert Unobserved.from_list(way.to_list()) == way
 
 
 def test_where_a_method_is_overconfident_is_told() -> None:
@@ -290,3 +298,14 @@ def test_causal_paths_are_compared_with_each_other() -> None:
     other = replace(JUDGED["ekf"], method="isam2")
     both = replace(JUDGED, methods=(*JUDGED.methods, other))
     assert sentence(both, "With the data up to each time the path of isam2", "that of ekf by")
+
+
+def test_innovations_that_grow_too_large_are_told_with_their_place_and_without_truth() -> None:
+    shares = np.arange(1.0, 17.0)
+    calm = Innovations(shares, np.ones(16), np.full(16, 40.0))
+    wild = replace(calm, nis=np.where(shares > 12.0, 4.0, 1.0))
+    comparison = with_method(UNJUDGED, replace(UNJUDGED["ekf"], innovations=wild))
+    text = sentence(comparison, "ekf is overconfident by a factor 2 in what it expects to see")
+    assert "after 12 m (NIS 4 per degree of freedom from there on; up to 1." in text
+    quiet = with_method(UNJUDGED, replace(UNJUDGED["ekf"], innovations=calm))
+    assert sentence(quiet, "ekf, innovations: on no part of the way", "NIS 1 per degree")

@@ -12,7 +12,7 @@ import pytest
 
 from frontend.config import ExtractConfig
 from frontend.extract import extract, extraction_warnings
-from frontend.log import UNKNOWN_WHEELS, Log, open_log
+from frontend.log import UNKNOWN_WHEELS, Log, PoseTrack, open_log
 from frontend.truth import LARGEST_OFFSET, LARGEST_TURN, nearest_line, true_lines
 from graphslam.errors import BadConfig, BadLog
 from graphslam.geometry import compose, line_to_robot, twin
@@ -138,6 +138,21 @@ def test_increments_come_from_wheel_angles_interpolated_at_the_nodes(tmp_path: P
     np.testing.assert_array_equal(measurements.odometry.increment, increment)
     np.testing.assert_array_equal(measurements.odometry.cov, cov)
     np.testing.assert_array_equal(measurements.odometry.wheel_angle, log.wheels.angle)
+
+
+def test_metres_driven_count_a_way_out_and_back_between_two_nodes(tmp_path: Path):
+    log = open_log(write_log(tmp_path, **images(0, 1)))
+    t = np.array([0.0, 0.5, 1.0, 2.0])
+    angle = np.array([[0.0, 0.0], [10.0, 10.0], [0.0, 0.0], [5.0, 5.0]])  # rad
+    wheels = replace(log.wheels, t=t, angle=angle)
+    odometry = extract(replace(log, wheels=wheels)).odometry
+    assert log.robot is not None
+    radius = log.robot.wheel_radius_left
+    np.testing.assert_allclose(odometry.increment[0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(odometry.metres, [20.0 * radius])
+    poses = np.column_stack([angle[:, 0] * radius, np.zeros((4, 2))])
+    foreign = replace(log, wheels=None, odometry=PoseTrack(t, poses))
+    np.testing.assert_allclose(extract(foreign).odometry.metres, [20.0 * radius])
 
 
 def test_poses_of_the_wheels_give_the_same_increments_as_the_wheels(tmp_path: Path):

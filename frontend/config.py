@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal, get_args
 
+from frontend.wall_config import WallConfig
 from graphslam.errors import BadConfig
 
 Method = Literal["lsd", "hough-p", "hough"]
@@ -322,6 +323,8 @@ class ExtractConfig:
     omni: OmniConfig = field(default_factory=OmniConfig)
     lamps: LampConfig = field(default_factory=LampConfig)
     tags: TagConfig = field(default_factory=TagConfig)
+    walls: WallConfig = field(default_factory=WallConfig)
+    """Walls in a laser's scans, for logs without floor images and sightings.csv."""
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     """Noise in place of what log.toml and the detector say."""
     workers: int = 0
@@ -341,7 +344,8 @@ class ExtractConfig:
     """Added to the times of images and sightings before anything else, s; for a camera whose clock
     differs from the wheels'. `graphslam calibrate LOG --time-offset` finds it."""
     every: int = 1
-    """Use every n-th image (without images, every n-th time of sightings.csv), n >= 1."""
+    """Use every n-th image (without images, every n-th time of sightings.csv, or every n-th scan),
+    n >= 1."""
     landmarks: Literal["known", "mapped"] = "known"
     """What landmarks.csv is for. known: the estimators are given it. mapped: they map its kinds
     themselves, and it only judges them."""

@@ -30,6 +30,8 @@ Progress = Callable[[int, int], None]
 
 UNREADABLE = "image that cannot be read"
 NODE_OUTSIDE = "node outside the wheel record"
+UNREADABLE_SCAN = "scan that cannot be read"
+SAME_TIME = "scan of the same time as the one before it"
 UNREADABLE_CURE = {
     True: "write them again, or remove their rows from images.csv",
     False: "see what the camera's driver reports",
@@ -69,6 +71,8 @@ def extract(
     lines = _given_lines(log, nodes.of_lines, t, rejected)
     if lines is None:
         lines = _seen_lines(log, nodes, config, rejected, progress)
+    if lines is None:
+        lines = _seen_walls(log, nodes, config, rejected, progress)
     odometry = odometry_at(log, t, config.noise)
     fixes = pose_fixes(log, nodes, odometry, config, rejected, progress)
     start_pose, start_cov = start_of(log, fixes, odometry)
@@ -330,6 +334,34 @@ def _seen_lines(
         quality=lines.quality,
         source=source,
         truth=true_lines(log, times, lines.z, lines.extent),
+    )
+
+
+def _seen_walls(
+    log: Log, nodes: Nodes, config: ExtractConfig, rejected: Counter[str], progress: Progress | None
+) -> Sightings | None:
+    """Returns the walls that the scans at the nodes show, ordered by node."""
+    if log.scans is None or len(log.searched_images()):
+        return None
+    from frontend.walls import walls_in_scans
+
+    times = log.scans.t
+    # of scans that share a time the first stands for its node
+    first = np.concatenate([[True], np.diff(times) > 0])
+    numbers = np.flatnonzero(first & np.isin(times, np.intersect1d(nodes.t, nodes.of_lines)))
+    walls, source, unreadable = walls_in_scans(log, numbers, config.walls, progress)
+    rejected.update({**walls.rejected, UNREADABLE_SCAN: unreadable})
+    rejected[SAME_TIME] += int(np.sum(~first))
+    return _table(
+        "line",
+        np.searchsorted(nodes.t, times[source]),
+        walls.z,
+        walls.cov,
+        times[source],
+        extent=walls.extent,
+        quality=walls.quality,
+        source=source,
+        truth=true_lines(log, times[source], walls.z, walls.extent),
     )
 
 

@@ -201,8 +201,8 @@ class Log:
         map: true lines, floor frame, or None; for judging only.
         warnings: what the user should know; the log is usable all the same.
         digest: SHA-256 of everything used, hexadecimal.
-        scans: scans of a laser, or None. No detector uses them yet; without images or sightings
-            their times are the nodes.
+        scans: scans of a laser, or None. In a log without floor images or sightings.csv walls are
+            looked for in them, and their times are the nodes.
         labels: what messages call a part of the log, by the name of its field: "wheels" is a file
             of a log folder, or a topic of a bag.
         described: what messages call the file that describes robot and cameras.
@@ -345,7 +345,8 @@ def open_log(
 
     Args:
         path: a log folder (`docs/log-format.md`): a folder with a ``log.toml``; or a bag
-            (`docs/bags.md`): a ROS 1 bag, a ROS 2 bag (its folder or its file) or an MCAP file.
+            (`docs/bags.md`): a ROS 1 bag, a ROS 2 bag (its folder or its file) or an MCAP file; or
+            a CARMEN log (`docs/walls.md`).
         robot: a robot file, which says what a bag does not: geometry, cameras, topics. None: what
             can be told from the bag alone.
         progress: told how much of a bag is read.
@@ -371,20 +372,32 @@ def open_log(
         from frontend.readers.bag import read_bag
 
         return read_bag(path, None if robot is None else Path(robot), progress)
+    if found == "carmen":
+        from frontend.readers.carmen import read_carmen
+
+        if robot is not None:
+            raise BadLog(
+                f"{path}: is a CARMEN log, whose PARAM lines describe the laser; a robot file goes "
+                "with bags: leave --robot out"
+            )
+        return read_carmen(path)
     raise BadLog(
-        f"{path}: {found}; give a folder with a log.toml in it (docs/log-format.md), or a bag "
-        "(docs/bags.md)"
+        f"{path}: {found}; give a folder with a log.toml in it (docs/log-format.md), a bag "
+        "(docs/bags.md), or a CARMEN log (docs/walls.md)"
     )
 
 
 def _what_is(path: Path) -> str:
     """Returns the name of the format, or what else is at ``path``."""
     from frontend.readers.bag_files import is_bag
+    from frontend.readers.carmen import is_carmen
 
     if (path / "log.toml").exists():
         return "folder"
     if is_bag(path):
         return "bag"
+    if is_carmen(path):
+        return "carmen"
     if path.name == "log.toml" and path.is_file():
         return f"is a file of the log {path.parent}"
     if path.is_dir():

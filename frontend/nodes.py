@@ -26,7 +26,8 @@ class Nodes:
     Attributes:
         t: (N,) times of the nodes, s, increasing, within the odometry.
         chosen: (C,) the same with those that the odometry does not reach.
-        of_lines: (L,) which of ``chosen`` are times of images or of sightings.csv, after ``every``.
+        of_lines: (L,) which of ``chosen`` are times of images, of sightings.csv or of scans, after
+            ``every``.
     """
 
     t: Array
@@ -37,9 +38,9 @@ class Nodes:
 def choose_nodes(log: Log, config: ExtractConfig) -> Nodes:
     """Returns the nodes of a log, or of the part that is asked for.
 
-    They are the distinct times of images and of sightings.csv, every n-th of them, and those
-    of all other tables of sightings; without any of these, the times of the laser's scans, else of
-    the odometry, every n-th.
+    They are the distinct times of images and of sightings.csv, without these of the laser's
+    scans, every n-th of them, and those of all other tables of sightings; without any of these, the
+    times of the odometry, every n-th.
 
     Raises:
         BadConfig: the part that is asked for is empty.
@@ -69,19 +70,21 @@ def choose_nodes(log: Log, config: ExtractConfig) -> Nodes:
 def line_times(log: Log) -> tuple[Array, Array]:
     """Returns the distinct times (s) that ``every`` thins, and those of all other sightings.
 
-    The first are of images and sightings.csv, or in a log without any sighting of the laser's
-    scans, else of the odometry.
+    The first are of images and sightings.csv, without these of the laser's scans, and in a log
+    without any sighting of the odometry.
     """
     seen = [np.zeros(0)]
     if log.images is not None:
         seen.append(log.images.t[log.searched_images()])
     if log.sightings is not None:
         seen.append(log.sightings.t)
+    if log.scans is not None and not any(map(len, seen)):
+        seen.append(log.scans.t)
     main = np.unique(np.concatenate(seen))
     parts = [part.t for part in (log.pose_fixes, log.bearings, log.lamps) if part is not None]
     others = np.unique(np.concatenate([np.zeros(0), *parts]))
     if not len(main) and not len(others):
-        main = odometry_times(log) if log.scans is None else np.unique(log.scans.t)
+        main = odometry_times(log)
     return main, others
 
 

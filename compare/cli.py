@@ -29,6 +29,7 @@ from compare.commands.export import Export
 from compare.commands.inspect import Inspect
 from compare.commands.merge import Merge
 from compare.commands.papers import Papers
+from compare.commands.places import Places
 from compare.commands.report import Report
 from compare.commands.run import Extract, Run
 from compare.commands.simulate import Simulate
@@ -105,6 +106,7 @@ def parse(arguments: Sequence[str]) -> Command:
     extract = Extract(log=missing, out=missing, extract=settings.extract)
     study = Study(scenario=missing, out=missing, settings=settings)
     batch = Batch(logs=missing, out=missing, settings=settings)
+    places = Places(map=missing, extract=settings.extract)
     commands = (
         Annotated[Run, subcommand("run", default=run)]
         | Annotated[Extract, subcommand("extract", default=extract)]
@@ -116,6 +118,7 @@ def parse(arguments: Sequence[str]) -> Command:
         | Annotated[Compare, subcommand("compare")]
         | Annotated[Merge, subcommand("merge")]
         | Annotated[Papers, subcommand("papers")]
+        | Annotated[Places, subcommand("places", default=places)]
         | Annotated[Report, subcommand("report")]
         | Annotated[Export, subcommand("export")]
         | Annotated[Config, subcommand("config")]

@@ -50,6 +50,9 @@ class RunConfig:
     known_map: str | None = None
     """A map to localise on: a map.csv, or the result folder of one method. Its lines stay where
     they are; sightings of none of them are dropped and counted (see ekf.extend_map)."""
+    places: str | None = None
+    """A map of corridors, .toml (docs/lamps.md): its lamps are known landmarks where the log lists
+    none, and the report tells by name where the robot was, and which lamps are out of order."""
     extract: ExtractConfig = field(default_factory=ExtractConfig)
     """Recording to measurements."""
     ekf: EkfConfig = field(default_factory=EkfConfig)

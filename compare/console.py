@@ -88,6 +88,8 @@ def print_result(result: RunResult) -> None:
         console.print(Text(metrics["verdict"][0]))
         for sentence in alarms(result.comparison.methods):
             console.print(Text(sentence))
+    for sentence in result.places:
+        console.print(Text(sentence))
     if result.check is not None:
         console.print(Text(result.check))
     print(result.folder / "report.html")

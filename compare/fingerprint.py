@@ -40,12 +40,13 @@ def fingerprints(log: Log, config: RunConfig) -> dict[str, str]:
         BadConfig: the known map is no map.
     """
     config = replace(config, extract=replace(config.extract, workers=0))
-    known = config.known_map
+    known, places = config.known_map, config.places
     measurements = _digest(
         log=[log.name, log.digest],
         extract=asdict(config.extract),
         known_map=None if known is None else [known, _digest_of(read_map_file(known).path)],
         versions=versions(),
+        **({} if places is None else {"places": [places, _digest_of(Path(places))]}),
     )
     return {
         "measurements": measurements,

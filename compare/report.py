@@ -73,6 +73,7 @@ def write_report(record: Record, folder: Path) -> None:
         timings=tables.timings(record.timings),
         latency=tables.latency(record.timings),
         check=record.info.get("check"),
+        places=record.info.get("places"),
         plots=plots,
         known={name: method_entry(name) for name in record.estimates},
         has_truth=record.has_true_pose or len(record.true_lines) > 0,

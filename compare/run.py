@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -27,6 +27,9 @@ from frontend.log import Log, open_log, with_camera_offset
 from frontend.overlay_frames import check_overlays, write_overlays
 from graphslam.estimate import Estimate
 from graphslam.measurements import Measurements
+
+if TYPE_CHECKING:
+    from compare.places.building import Building
 
 T = TypeVar("T")
 Progress = Callable[[str, int, int], None]
@@ -51,6 +54,7 @@ class RunResult:
             failed and why.
         failed: methods that were asked for and failed.
         check: how far both of the smoother's engines agree, in words; None where not asked for.
+        places: what a map of corridors says of the run, in sentences; empty where there is none.
     """
 
     folder: Path
@@ -61,6 +65,7 @@ class RunResult:
     warnings: tuple[str, ...]
     failed: tuple[str, ...] = ()
     check: str | None = None
+    places: tuple[str, ...] = ()
 
     def _repr_html_(self) -> str:
         """Returns what a notebook shows; see `compare.show`."""
@@ -224,6 +229,9 @@ def run_opened(
         inside = clock.inside("extract")
         measurements = clock("extract", lambda: extract(log, config.extract, inside))
         measurements = on_known_map(measurements, config.known_map)
+    building = None if config.places is None else _building(config.places)
+    if building is not None:
+        measurements = on_building(measurements, building, config.extract.landmarks)
     estimates, failed = run_methods(measurements, config, clock, clock.told)
     if failed and not estimates:
         raise next(iter(failed.values()))
@@ -237,6 +245,11 @@ def run_opened(
     info["engine"] = {name: e.engine for name, e in estimates.items() if e.engine}
     if config.smoother.check and "smoother" in estimates:
         info["check"] = clock("check", lambda: _check(measurements, estimates, config))
+    if building is not None:
+        from compare.places.section import places_section
+
+        camera = next(iter(log.ceiling.values()), None)
+        info["places"] = places_section(building, measurements, estimates, camera)
     info["warnings"] += [f"{name} failed: {error}" for name, error in failed.items()]
     record = Record(
         info,
@@ -254,8 +267,8 @@ def run_opened(
         write_json(folder / "timings.json", clock.timings())
     warnings = tuple(info["warnings"])
     failures = tuple(failed)
-    check = info.get("check")
-    return RunResult(out, log, measurements, estimates, comparison, warnings, failures, check)
+    check, told = info.get("check"), tuple(info.get("places", {}).get("sentences", ()))
+    return RunResult(out, log, measurements, estimates, comparison, warnings, failures, check, told)
 
 
 def _check(measurements: Measurements, estimates: dict[str, Estimate], config: RunConfig) -> str:
@@ -277,6 +290,23 @@ def on_known_map(measurements: Measurements, path: str | None) -> Measurements:
     if measurements.known is not None:
         known = known.joined(measurements.known)
     return replace(measurements, known=known)
+
+
+def _building(path: str) -> Building:
+    from compare.places.building import read_building  # networkx, only where there is such a map
+
+    return read_building(path)
+
+
+def on_building(measurements: Measurements, building: Building, landmarks: str) -> Measurements:
+    """Returns measurements with the lamps of a map of corridors as known ones.
+
+    Not where lamps are known already, nor where ``landmarks`` says that they are to be mapped.
+    """
+    known, lamps = measurements.known, building.landmarks()
+    if landmarks != "known" or not len(lamps) or (known is not None and "lamp" in known.kind):
+        return measurements
+    return replace(measurements, known=lamps if known is None else known.joined(lamps))
 
 
 def _attempt(

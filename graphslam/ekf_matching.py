@@ -166,7 +166,8 @@ class Matcher:
         free = offsets != FIXED
         columns = np.where(free, offsets, 0)[:, None] + np.arange(model.dim_landmark)
         params = self.state.mean[columns]
-        params[~free] = self.known[landmarks[~free], : model.dim_landmark]
+        if not free.all():  # the known ones' table may be narrower than this kind
+            params[~free] = self.known[landmarks[~free], : model.dim_landmark]
         return columns, params, free[:, None, None].astype(np.float64)
 
     # ---- what should be there --------------------------------------------------------------

@@ -55,6 +55,7 @@ def test_imports_point_one_way(package: str) -> None:
         ("cv2", ("frontend/",)),
         ("matplotlib", ("compare/plots",)),
         ("rosbags", ("frontend/readers/bag_types", "frontend/write_bag")),
+        ("networkx", ("compare/places/",)),
         ("rerun", ("compare/interchange/rerun_view",)),
         ("tyro", ("compare/cli", "compare/commands/")),
     ],

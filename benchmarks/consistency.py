@@ -94,12 +94,13 @@ def as_drawn(scenario: Scenario, log: Log, measurements: Measurements, seed: int
 def report(result: Study) -> None:
     """Prints honesty and efficiency as tables of Markdown, and what follows."""
     print("| noise | method | pose NEES | map NEES, start's frame | map NEES, up to a motion |"
-          " overconfident |")  # fmt: skip
-    print("|---|---|---|---|---|---|")
+          " NIS | overconfident |")  # fmt: skip
+    print("|---|---|---|---|---|---|---|")
     for h in honesties(result):
         said = "" if h.overconfidence is None else str(h.overconfidence).partition(" by ")[2]
+        nis = math.nan if h.innovations is None else h.innovations.total
         print(f"| {h.noise} | {h.method} | {h.pose:.2f} | {h.map_start:.2f} | {h.map:.2f} |"
-              f" {said} |")  # fmt: skip
+              f" {nis:.2f} | {said} |")  # fmt: skip
     print("\n| noise | method | quantity | RMS error | bound | error / bound |")
     print("|---|---|---|---|---|---|")
     for e in efficiencies(result):

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter
 
+from compare.consistency import band
 from compare.plots_style import (
     INK,
     METHOD_DASHES,
@@ -18,8 +21,8 @@ from compare.plots_style import (
     method_colour,
     to_svg,
 )
-from compare.study import Study
-from compare.study_answers import honesties, limits
+from compare.study import POINTS, Study
+from compare.study_answers import Honesty, honesties, limits
 
 MOST_LEVELS = 4
 """Curves over the way are drawn for so many levels, in order."""
@@ -146,35 +149,69 @@ def _draw_box(ax: Axes, stats: dict[str, float], x: float, width: float, colour:
 
 def _curves(result: Study) -> Plot | None:
     levels = result.noise[:MOST_LEVELS]
-    entries = [e for e in honesties(result) if e.curve is not None and e.noise in levels]
-    if not entries:
+    entries = [e for e in honesties(result) if e.noise in levels]
+    rows = [
+        drawing
+        for drawing, known in (
+            (_errors_along, any(e.curve is not None for e in entries)),
+            (_innovations_along, any(e.innovations is not None for e in entries)),
+        )
+        if known
+    ]
+    if not rows:
         return None
-    made, [row] = figure(3.0, 1, len(levels), sharey=True)
+    made, grid = figure(0.4 + 2.5 * len(rows), len(rows), len(levels), sharey="row")
     drawn: dict[str, Columns] = {}
-    for ax, level in zip(row, levels, strict=True):
-        for entry in (e for e in entries if e.noise == level):
-            assert entry.curve is not None
-            low, high = limits("pose", entry.curve.runs)
-            values = np.maximum(entry.curve.nees[:, 3], LEAST)
-            drawn[f"{level}_{entry.method}_distance_m"] = entry.curve.distance
-            drawn[f"{level}_{entry.method}_nees_per_dof"] = values
-            style = {
-                "color": method_colour(entry.method),
-                "ls": METHOD_DASHES.get(entry.method, "-"),
-            }
-            ax.plot(entry.curve.distance, values, label=entry.method, **style)
-            ax.axhspan(low, high, color=INK, alpha=0.04, lw=0)
-        ax.axhline(1.0, color=INK, lw=0.6, alpha=0.6)
-        ax.set(xlabel=f"driven (m), noise {level}", yscale="log")
-        ax.minorticks_off()
-    row[0].set_ylabel("mean NEES of the pose / 3")
-    legend(made, *row[0].get_legend_handles_labels())
+    for axes, drawing in zip(grid, rows, strict=True):
+        for ax, level in zip(axes, levels, strict=True):
+            for entry in (e for e in entries if e.noise == level):
+                drawn |= drawing(ax, entry)
+            ax.axhline(1.0, color=INK, lw=0.6, alpha=0.6)
+            ax.set(xlabel=f"driven (m), noise {level}", yscale="log")
+            ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            ax.minorticks_off()
+        label = "mean NEES of the pose / 3" if drawing is _errors_along else "NIS / dof"
+        axes[0].set_ylabel(label)
+    lines = [
+        made.axes[0].plot([], [], label=m, **_line(m))[0]
+        for m in result.methods
+        if any(e.method == m and (e.curve or e.innovations) for e in entries)
+    ]
+    legend(made, lines, [str(line.get_label()) for line in lines])
     return Plot(
         "consistency",
         "Honesty along the way",
-        "Squared error of the pose over its claimed covariance, per degree of freedom, mean of all "
-        "runs at equal distances; the band holds 95 % of such means of honest runs. A curve that "
-        "leaves it upwards and stays above is overconfident from there on.",
-        to_svg(made, "consistency", "Mean NEES of the pose over the distance driven"),
+        "Above: squared error of the pose over its claimed covariance, per degree of freedom, mean "
+        "of all runs at equal distances; the band holds 95 % of such means of honest runs. Below: "
+        f"squared innovations over what each filter expects of them, in {POINTS} equal shares of "
+        "the way, all runs together, those of one node taken jointly; a smoother predicts nothing. "
+        "Where a curve leaves its band upwards and stays above, the method is overconfident.",
+        to_svg(made, "consistency", "Mean NEES and NIS over the distance driven"),
         drawn,
     )
+
+
+def _line(method: str) -> dict[str, Any]:
+    return {"color": method_colour(method), "ls": METHOD_DASHES.get(method, "-")}
+
+
+def _errors_along(ax: Axes, entry: Honesty) -> dict[str, Columns]:
+    if entry.curve is None:
+        return {}
+    ax.axhspan(*limits("pose", entry.curve.runs), color=INK, alpha=0.04, lw=0)
+    values = np.maximum(entry.curve.nees[:, 3], LEAST)
+    ax.plot(entry.curve.distance, values, **_line(entry.method))
+    name = f"{entry.noise}_{entry.method}"
+    return {f"{name}_distance_m": entry.curve.distance, f"{name}_nees_per_dof": values}
+
+
+def _innovations_along(ax: Axes, entry: Honesty) -> dict[str, Columns]:
+    found = entry.innovations
+    if found is None:
+        return {}
+    known = found.freedom > 0
+    low, high = np.array([band(float(f)) for f in found.freedom[known]]).T
+    ax.fill_between(found.distance[known], low, high, color=INK, alpha=0.04, lw=0)
+    ax.plot(found.distance[known], found.nis[known], **_line(entry.method))
+    name = f"{entry.noise}_{entry.method}"
+    return {f"{name}_share_to_m": found.distance[known], f"{name}_nis_per_dof": found.nis[known]}

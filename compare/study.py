@@ -16,12 +16,13 @@ import numpy as np
 
 from compare.comparison import Comparison, compare
 from compare.config import RunConfig
-from compare.consistency import sampled
+from compare.consistency import SHARES, sampled
 from compare.folders import whole_file
 from compare.methods import run_methods
 from compare.montecarlo import Progress, SeededRun, Value, run_seeded
 from compare.results import write_csv, write_json
 from compare.study_figures import BOUNDS, FIGURES, STUDY_FIGURES, Figure
+from compare.verdict import first_of_all
 from frontend.extract import extract
 from frontend.simulate import NoiseLevel, Scenario, noisier, simulate_log
 from frontend.strict import from_dict
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 __all__ = ["FIGURES", "Figure", "Study", "Summary", "judge_seed", "read_study", "study"]
 
 STUDY_FORMAT = "graphslam-study/2"
-POINTS = 16
+POINTS = SHARES
 """Distances along the way at which errors are held against covariances."""
 CURVES = ("x", "y", "heading", "pose")
 
@@ -186,6 +187,9 @@ def judge(log: Log, measurements: Measurements, config: RunConfig) -> dict[str, 
 
     ``bound.path_m`` and the like are the fields of `compare.bound.Bound`, ``method.heading.07``
     the squared error over its variance at the seventh of `POINTS` distances, ``distance.07``.
+    ``method.innovation.07`` is the NIS per degree of freedom of the way up to there from the one
+    before, ``method.freedom.07`` how many degrees those are. ``neither_deg`` is the direction that
+    needs lines across before any method is chosen, where the run's verdict names one.
     """
     estimates, failed = run_methods(measurements, config, lambda name, call: call())
     for error in failed.values():
@@ -196,6 +200,9 @@ def judge(log: Log, measurements: Measurements, config: RunConfig) -> dict[str, 
         for figure in STUDY_FIGURES:
             value = figure.of(metrics)
             values[f"{metrics.method}.{figure.name}"] = math.nan if value is None else value
+    open_direction = first_of_all(comparison.methods)
+    if open_direction is not None:
+        values["neither_deg"] = open_direction.angle_deg
     return values | _bound_values(comparison) | _curve_values(comparison)
 
 
@@ -214,6 +221,12 @@ def _bound_values(comparison: Comparison) -> dict[str, Value]:
 def _curve_values(comparison: Comparison) -> dict[str, Value]:
     values: dict[str, Value] = {}
     for metrics in comparison.methods:
+        if metrics.innovations is not None:
+            found = metrics.innovations
+            for k in range(POINTS):
+                values[f"{metrics.method}.share.{k:02}"] = float(found.distance[k])
+                values[f"{metrics.method}.innovation.{k:02}"] = float(found.nis[k])
+                values[f"{metrics.method}.freedom.{k:02}"] = float(found.freedom[k])
         if metrics.consistency is None:
             continue
         curve = sampled(metrics.consistency, POINTS)

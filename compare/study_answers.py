@@ -11,17 +11,29 @@ import numpy as np
 from compare.consistency import (
     STATES,
     Consistency,
+    Innovations,
     Overconfidence,
+    Surprise,
     band,
     overconfidence,
+    pooled,
+    surprise,
 )
 from compare.study import CURVES, POINTS, Study
 from compare.study_figures import BOUNDS
 from compare.verdict import WORTH_M, WORTH_SHARE
+from compare.words import listed, metres
 from frontend.simulate import NoiseLevel
 from graphslam.geometry import Array
 
-QUANTITIES = ("last pose", "map", "path")
+QUANTITIES = {
+    "last pose": ("final_error_m", "from the common start"),
+    "map": ("map_rmse_m", "after its own rigid motion"),
+    "path": ("aligned_rmse_m", "aligned"),
+}
+"""What filter and smoother are compared by: figure and frame, as in the verdict of one run."""
+OFTEN = 0.5
+"""What more than this share of the runs say of their line directions is said of all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +76,8 @@ class Honesty:
         pose: mean NEES of the poses per degree of freedom.
         map: the same of the map, up to a rigid motion.
         map_start: the same of the map, in the start's frame.
+        innovations: squared innovations along the way, all runs taken together; None for methods
+            that predict no sightings.
     """
 
     noise: NoiseLevel
@@ -72,6 +86,12 @@ class Honesty:
     pose: float
     map: float
     map_start: float
+    innovations: Innovations | None
+
+    @property
+    def surprise(self) -> Surprise | None:
+        """From where on innovations exceed what it expects; None if nowhere."""
+        return None if self.innovations is None else surprise(self.innovations)
 
     @property
     def overconfidence(self) -> Overconfidence | None:
@@ -116,6 +136,7 @@ def honesties(result: Study) -> list[Honesty]:
                 _mean(result.column(level, f"{method}.{name}"))
                 for name in ("pose_nees", "map_nees", "map_start_nees")
             ),
+            _innovations(result, level, method),
         )
         for level in result.noise
         for method in result.methods
@@ -138,6 +159,18 @@ def _curve(result: Study, level: NoiseLevel, method: str) -> Consistency | None:
     )
 
 
+def _innovations(result: Study, level: NoiseLevel, method: str) -> Innovations | None:
+    share, nis, freedom = (
+        np.array([result.column(level, f"{method}.{name}.{k:02}") for k in range(POINTS)]).T
+        for name in ("share", "innovation", "freedom")
+    )
+    known = np.isfinite(share).all(axis=1) if share.size else np.zeros(0, bool)
+    if not known.any():
+        return None
+    runs = zip(share[known], nis[known], freedom[known], strict=True)
+    return pooled([Innovations(*columns) for columns in runs])
+
+
 def _mean(values: Array) -> float:
     known = values[np.isfinite(values)]
     return float(known.mean()) if len(known) else math.nan
@@ -146,38 +179,76 @@ def _mean(values: Array) -> float:
 def answers(result: Study) -> list[str]:
     """Returns, for each level of noise, which method is enough for what, and who is overconfident.
 
-    A difference of RMS errors over all runs matters as in `compare.verdict`.
+    RMS errors over all runs are compared in the figures that the verdict of one run compares, and a
+    difference matters as there.
     """
     sentences = []
-    table = {(e.noise, e.method, e.quantity): e for e in efficiencies(result)}
     for level in result.noise:
         at = f"Noise {level}: " if len(result.noise) > 1 else ""
-        if {"ekf", "smoother"} <= set(result.methods):
-            pairs = {
-                name: (table[level, "ekf", name].error, table[level, "smoother", name].error)
-                for name in QUANTITIES
-            }
-            sentences.append(at + _filter_or_smooth(pairs))
-        sentences += [at + text for text in _honest(result, level)]
+        said = [*_neither(result, level), *_filter_or_smooth(result, level)]
+        sentences += [at + text for text in (*said, *_honest(result, level))]
     return sentences
 
 
-def _filter_or_smooth(pairs: dict[str, tuple[float, float]]) -> str:
-    enough = [name for name, pair in pairs.items() if not _matters(*pair)]
-    better = [
-        f"cuts the {name}'s RMS error by {1.0 - pair[1] / pair[0]:.0%}"
-        for name, pair in pairs.items()
-        if _matters(*pair) and pair[1] < pair[0]
-    ]
-    worse = [name for name, pair in pairs.items() if _matters(*pair) and pair[1] > pair[0]]
+def _neither(result: Study, level: NoiseLevel) -> Iterator[str]:
+    """Yields that no method helps, where most runs have a direction that no sighting fixes."""
+    angles = result.column(level, "neither_deg")
+    known = np.radians(angles[np.isfinite(angles)])
+    if len(known) > OFTEN * len(angles):
+        mean = 0.5 * np.degrees(np.angle(np.exp(2j * known).mean())) % 180.0
+        yield (
+            f"do neither before adding a second line direction: in {len(known)} of {len(angles)} "
+            f"runs no line fixes the position along one direction, on average {mean:.0f}° (floor "
+            "frame)."
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Pair:
+    """The filter's and the smoother's errors in one quantity, m: RMS over the runs, and median."""
+
+    quantity: str
+    rms: tuple[float, float]
+    median: tuple[float, float]
+
+    @property
+    def figures(self) -> str:
+        text = f"{metres(self.rms[0])} against {metres(self.rms[1])}"
+        if _matters(*self.rms) != _matters(*self.median):
+            text += f", in the median run {metres(self.median[0])} and {metres(self.median[1])}"
+        return f"{self.quantity} ({text}; {QUANTITIES[self.quantity][1]})"
+
+
+def _pairs(result: Study, level: NoiseLevel) -> Iterator[_Pair]:
+    for quantity, (figure, _) in QUANTITIES.items():
+        both = np.array([result.column(level, f"{m}.{figure}") for m in ("ekf", "smoother")])
+        both = both[:, np.isfinite(both).all(axis=0)] if both.size else both
+        if both.size:
+            before, after = np.sqrt(np.mean(both**2, axis=1)).tolist()
+            middle = np.median(both, axis=1).tolist()
+            yield _Pair(quantity, (before, after), (middle[0], middle[1]))
+
+
+def _filter_or_smooth(result: Study, level: NoiseLevel) -> Iterator[str]:
+    pairs = list(_pairs(result, level)) if {"ekf", "smoother"} <= set(result.methods) else []
+    if not pairs:
+        return
+    better = [p for p in pairs if _matters(*p.rms) and p.rms[1] < p.rms[0]]
+    worse = [p for p in pairs if _matters(*p.rms) and p.rms[1] > p.rms[0]]
+    enough = [p for p in pairs if not _matters(*p.rms)]
     parts = []
-    if enough:
-        parts.append(f"the filter is enough for the {_and(enough)}")
     if better:
-        parts.append(f"smoothing {_and(better)}")
+        cuts = [f"by {1.0 - p.rms[1] / p.rms[0]:.0%} for the {p.figures}" for p in better]
+        parts.append(f"smooth: it cuts the error {listed(cuts)}")
     if worse:
-        parts.append(f"smoothing makes the {_and(worse)} worse")
-    return "; ".join(parts) + f" (what matters: above {WORTH_SHARE:.0%} and {1e3 * WORTH_M:g} mm)."
+        parts.append(f"smoothing makes worse the {listed([p.figures for p in worse])}")
+    if enough:
+        parts.append(f"the filter is enough for the {listed([p.figures for p in enough])}")
+    runs = len(result.at(level))
+    yield (
+        "; ".join(parts) + f". (RMS over {runs} runs, the filter's error first; a difference "
+        f"matters above {WORTH_SHARE:.0%} and {metres(WORTH_M)}.)"
+    )
 
 
 def _matters(before: float, after: float) -> bool:
@@ -187,19 +258,15 @@ def _matters(before: float, after: float) -> bool:
 
 def _honest(result: Study, level: NoiseLevel) -> Iterator[str]:
     for entry in honesties(result):
-        if entry.noise != level or entry.curve is None:
+        if entry.noise != level:
             continue
-        found = entry.overconfidence
-        if found is not None:
-            yield f"{entry.method} is {found} (mean NEES of the poses {entry.pose:.3g})."
-        else:
-            yield (
-                f"{entry.method} shows no overconfidence (mean NEES of the poses {entry.pose:.3g})."
-            )
-
-
-def _and(words: list[str]) -> str:
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+        if entry.curve is not None:
+            nees = f"mean NEES of the poses {entry.pose:.3g}"
+            found = entry.overconfidence
+            what = f"is {found}" if found else "shows no overconfidence"
+            yield f"{entry.method} {what} ({nees})."
+        if entry.surprise is not None:
+            yield f"{entry.method} is {entry.surprise}."
 
 
 def limits(state: str, runs: int) -> tuple[float, float]:

@@ -7,7 +7,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from compare.consistency import STATES
+import numpy as np
+
+from compare.consistency import FREEDOM, STATES, band
 from compare.folders import whole_file
 from compare.pages import method_entry, template
 from compare.plots_study import draw_study
@@ -74,7 +76,7 @@ def _efficiency_columns(entries: list[Efficiency]) -> dict[str, list[Any]]:
 
 
 def _consistency_columns(entries: list[Honesty]) -> dict[str, list[Any]]:
-    """Returns mean NEES and its band at each distance, one row a level, method, state, distance."""
+    """Returns mean NEES and NIS and their bands, one row a level, method, state and distance."""
     rows = [
         (e, state, column, k)
         for e in entries
@@ -84,17 +86,40 @@ def _consistency_columns(entries: list[Honesty]) -> dict[str, list[Any]]:
     ]
     curves = [e.curve for e, *_ in rows if e.curve is not None]
     bands = [limits(state, curve.runs) for (_, state, *_), curve in zip(rows, curves, strict=True)]
-    return {
+    errors = {
         "noise": [str(e.noise) for e, *_ in rows],
         "method": [e.method for e, *_ in rows],
         "state": [state for _, state, *_ in rows],
         "distance_m": [c.distance[k] for (*_, k), c in zip(rows, curves, strict=True)],
-        "nees_per_dof": [
-            c.nees[k, column] for (_, _, column, k), c in zip(rows, curves, strict=True)
-        ],
+        "per_dof": [c.nees[k, column] for (_, _, column, k), c in zip(rows, curves, strict=True)],
         "low": [low for low, _ in bands],
         "high": [high for _, high in bands],
-        "runs": [c.runs for c in curves],
+        "freedom": [
+            c.runs * FREEDOM[column] for (*_, column, _), c in zip(rows, curves, strict=True)
+        ],
+    }
+    expected = _innovation_columns(entries)
+    return {name: [*errors[name], *expected[name]] for name in errors}
+
+
+def _innovation_columns(entries: list[Honesty]) -> dict[str, list[Any]]:
+    """Returns the same columns for NIS: of all runs together, in each share of the way."""
+    rows = [
+        (e, e.innovations, k)
+        for e in entries
+        if e.innovations is not None
+        for k in np.flatnonzero(e.innovations.freedom > 0)
+    ]
+    bands = [band(float(found.freedom[k])) for _, found, k in rows]
+    return {
+        "noise": [str(e.noise) for e, *_ in rows],
+        "method": [e.method for e, *_ in rows],
+        "state": ["innovation" for _ in rows],
+        "distance_m": [found.distance[k] for _, found, k in rows],
+        "per_dof": [found.nis[k] for _, found, k in rows],
+        "low": [low for low, _ in bands],
+        "high": [high for _, high in bands],
+        "freedom": [found.freedom[k] for _, found, k in rows],
     }
 
 
@@ -111,13 +136,14 @@ def _efficiency_row(entry: Efficiency) -> dict[str, Any]:
 
 
 def _honesty_row(entry: Honesty) -> dict[str, Any]:
-    numbers = (entry.pose, entry.map, entry.map_start)
-    found = entry.overconfidence
+    nis = math.nan if entry.innovations is None else entry.innovations.total
+    numbers = (entry.pose, entry.map, entry.map_start, nis)
+    found = [str(said) for said in (entry.overconfidence, entry.surprise) if said]
     return {
         "noise": str(entry.noise),
         "method": method_entry(entry.method),
         "cells": [_three(value) if math.isfinite(value) else DASH for value in numbers],
-        "verdict": DASH if entry.curve is None else str(found) if found else "none found",
+        "verdict": "; ".join(found) or (DASH if entry.curve is None else "none found"),
     }
 
 

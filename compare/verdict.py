@@ -18,6 +18,7 @@ from compare.verdict_methods import (
     right_matches,
 )
 from compare.words import listed, metres
+from graphslam.estimate import Unobserved
 
 WORTH_SHARE = 0.20
 """A difference matters only above this share of the larger figure, ..."""
@@ -61,7 +62,7 @@ def verdict(comparison: Comparison) -> tuple[str, ...]:
     findings = tuple(_judged_findings(methods, pair) if judged else _sigma_findings(methods, pair))
     noise = noise_sentence(comparison)
     return (
-        *_first_of_all(pair),
+        *_neither(methods, pair),
         *_headline(methods, findings, pair, judged),
         *([] if judged else [NO_TRUTH]),
         *(finding.sentence for finding in findings),
@@ -97,25 +98,41 @@ NO_TRUTH = (
 )
 
 
-def _first_of_all(pair: Pair | None) -> Iterator[str]:
-    """Yields that no method helps, where all share a direction that no sighting fixes."""
+def first_of_all(methods: Sequence[MethodMetrics]) -> Unobserved | None:
+    """Returns the direction that needs lines across before any method is worth choosing, or None.
+
+    Filter and smoother share it, and the last position is `OPEN_RATIO` times less certain along it
+    than across.
+    """
+    pair = filter_and_smoother(methods)
     if pair is None:
-        return
+        return None
     for direction in pair[1].unobserved:
-        named = direction.direction != (0.0, 0.0)
-        shared = any(other.quantity == direction.quantity for other in pair[0].unobserved)
-        if direction.quantity != "position" or not named or not shared:
+        if direction.quantity != "position" or direction.direction == (0.0, 0.0):
             continue
-        across = math.sqrt(max(pair[1].last_position_sigma_m ** 2 - direction.sigma**2, 0.0))
-        if direction.sigma <= OPEN_RATIO * across:
-            continue
-        angle = direction.angle_deg
-        yield (
-            f"Do neither before adding a second line direction: along {angle:.0f}° (floor frame) "
-            f"no line fixes the position, and the last one is known to {metres(direction.sigma)} "
-            f"there, to {metres(across)} across. Filter and smoother share this; lines with "
-            f"normals along {angle:.0f}° end it. (It counts from a ratio of {OPEN_RATIO:g} on.)"
-        )
+        shared = any(other.quantity == "position" for other in pair[0].unobserved)
+        if shared and direction.sigma > OPEN_RATIO * _across(pair[1], direction):
+            return direction
+    return None
+
+
+def _across(m: MethodMetrics, direction: Unobserved) -> float:
+    """Returns the standard deviation of the last position across an open direction, m."""
+    return math.sqrt(max(m.last_position_sigma_m**2 - direction.sigma**2, 0.0))
+
+
+def _neither(methods: Sequence[MethodMetrics], pair: Pair | None) -> Iterator[str]:
+    """Yields that no method helps, where all share a direction that no sighting fixes."""
+    direction = first_of_all(methods)
+    if pair is None or direction is None:
+        return
+    angle, across = direction.angle_deg, _across(pair[1], direction)
+    yield (
+        f"Do neither before adding a second line direction: along {angle:.0f}° (floor frame) "
+        f"no line fixes the position, and the last one is known to {metres(direction.sigma)} "
+        f"there, to {metres(across)} across. Filter and smoother share this; lines with "
+        f"normals along {angle:.0f}° end it. (It counts from a ratio of {OPEN_RATIO:g} on.)"
+    )
 
 
 def _best_possible(comparison: Comparison) -> Iterator[str]:

@@ -126,11 +126,12 @@ class OmniConfig:
     """Specks of colour narrower than this are removed, pixels; 0 and 1 remove none."""
     close_px: int = 3
     """Holes and gaps in a colour narrower than this are closed, pixels; 0 and 1 close none."""
-    min_area_px: int = 8
+    min_area_px: int = 6
     """Smallest blob that counts, pixels, its base left out."""
-    base_share: float = 0.35
+    base_share: float = 0.6
     """Share of a blob, from its end nearest to the mirror's centre, that is left out: the base of a
-    cone is square, and would move the centroid as the robot turns. 0: none."""
+    cone is square, and moves the centroid as the robot goes around it. 0 where bases are covered,
+    or there are none."""
     widest_deg: float = 60.0
     """Widest blob that counts, degrees around the mirror's centre."""
     centre_px: float = 0.1

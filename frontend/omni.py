@@ -61,7 +61,7 @@ def correction_terms(bearing: Array, harmonics: int) -> Array:
     bearing = np.asarray(bearing, float)
     order = np.arange(1, harmonics + 1)
     angle = bearing[..., None] * order
-    waves = np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(*bearing.shape, -1)
+    waves = np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(*bearing.shape, 2 * harmonics)
     return np.concatenate([np.ones((*bearing.shape, 1)), waves], axis=-1)
 
 

@@ -40,6 +40,12 @@ def picture(*cones: tuple[float, float, tuple[int, int, int]], base: bool = Fals
     return image
 
 
+def test_an_image_without_any_cone_gives_none() -> None:
+    found = detect_bearings(picture(), CAMERA, OmniConfig())
+    assert len(found) == 0
+    assert found.z.shape == (0, 1)
+
+
 def test_each_cone_is_seen_in_its_direction_under_its_label() -> None:
     truth = np.array([0.3, 2.0, -2.9, -1.2])
     image = picture(*zip(truth, (50.0, 60.0, 70.0, 45.0), (BLUE, RED, RED, BLUE), strict=True))

@@ -27,6 +27,7 @@ from compare.consistency import (
 from compare.maps import MapMetrics, map_metrics
 from compare.matching import MatchingTable, matching_table
 from compare.metrics import TrajectoryMetrics, pose_nees, rms, trajectory
+from compare.points import PointMetrics, point_metrics
 from compare.truth import Truth, truth_of
 from graphslam.config import Engine
 from graphslam.errors import BadMeasurements
@@ -51,6 +52,7 @@ class MethodMetrics:
         causal: whether the pose at time t uses only data up to t.
         trajectory: errors of the path; None without a true path.
         pose_nees: NEES of the poses per degree of freedom; NaN where not defined.
+        points: errors of the map's points; None without true points, or without points to judge.
         consistency: squared errors over covariances along the way; None where `pose_nees` is not
             defined.
         innovations: squared innovations over covariances along the way; None for methods that
@@ -94,6 +96,7 @@ class MethodMetrics:
     converged: bool = True
     consistency: Consistency | None = None
     innovations: Innovations | None = None
+    points: PointMetrics | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "counts", MappingProxyType(dict(self.counts)))
@@ -244,6 +247,7 @@ def _judge(
         engine=estimate.engine,
         converged=estimate.converged,
         innovations=innovations(estimate, measurements.driven(), SHARES),
+        points=point_metrics(estimate, measurements, truth, start_known),
     )
 
 

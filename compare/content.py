@@ -14,6 +14,7 @@ from compare.comparison import Comparison, MethodMetrics
 from compare.consistency import Overconfidence, Surprise
 from compare.maps import MapLines, MapMetrics
 from compare.matching import MatchingTable
+from compare.points import PointMetrics
 from graphslam.estimate import Unobserved
 
 METRICS_FORMAT = "graphslam-metrics/1"
@@ -31,6 +32,7 @@ def comparison_content(comparison: Comparison) -> dict[str, Any]:
         "truth": {
             "path": len(truth.t) > 0,
             "lines": len(truth.lines),
+            "points": len(truth.points),
             "lines_seen": None if truth.seen is None else truth.line_id[truth.seen],
             "sightings_labelled": truth.labelled,
         },
@@ -70,13 +72,14 @@ def _method(entry: MethodMetrics) -> dict[str, Any]:
         **_columns(
             entry,
             *("method", "trajectory", "map", "matching", "unobserved"),
-            *("consistency", "innovations"),
+            *("consistency", "innovations", "points"),
         ),
         "trajectory": None if entry.trajectory is None else _columns(entry.trajectory),
         "map": None if entry.map is None else _map(entry.map),
         "map_nees": None if entry.map is None else entry.map.nees,
         "map_nees_freedom": None if entry.map is None else entry.map.nees_freedom,
         "map_start_nees": None if entry.map is None else entry.map.start_nees,
+        "points": None if entry.points is None else _points(entry.points),
         "overconfident": _told(entry.overconfidence),
         "innovation_nis": None if entry.innovations is None else entry.innovations.total,
         "surprised": _told(entry.surprise),
@@ -97,6 +100,24 @@ def _told(entry: Overconfidence | Surprise | None) -> dict[str, Any] | None:
 def _map(entry: MapMetrics) -> dict[str, Any]:
     figures = _columns(entry, "nees", "nees_freedom", "start_nees", "lines")
     return {**figures, "lines": _rows(_line_columns(entry.lines))}
+
+
+def _points(entry: PointMetrics) -> dict[str, Any]:
+    table = entry.points
+    columns = {
+        "row": table.row,
+        "kind": table.kind,
+        "status": table.status,
+        "true_point": [i if i >= 0 else None for i in table.true_id.tolist()],
+        "x_m": table.place[:, 0],
+        "y_m": table.place[:, 1],
+        "dx_m": table.error[:, 0],
+        "dy_m": table.error[:, 1],
+        "sigma_x_m": np.sqrt(table.cov[:, 0, 0]),
+        "sigma_y_m": np.sqrt(table.cov[:, 1, 1]),
+        "sightings": table.sightings,
+    }
+    return {**_columns(entry, "points"), "points": _rows(columns)}
 
 
 def _line_columns(lines: MapLines) -> dict[str, Any]:

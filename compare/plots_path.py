@@ -9,6 +9,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse
 
+from compare.plots_points import (
+    ELLIPSE_PROBABILITY,
+    ELLIPSE_SCALE,
+    draw_points,
+    draw_true_points,
+    ellipses,
+)
 from compare.plots_style import (
     INK,
     METHOD_DASHES,
@@ -22,14 +29,12 @@ from compare.plots_style import (
     stride,
     to_svg,
 )
+from compare.points import point_rows
 from compare.record import Record
 from compare.words import metres
 from graphslam.estimate import Estimate, Unobserved
 from graphslam.geometry import Array, points_on_line
 
-ELLIPSE_PROBABILITY = 0.95
-ELLIPSE_SCALE = float(np.sqrt(-2.0 * np.log(1.0 - ELLIPSE_PROBABILITY)))
-"""Half axes of a plane Gaussian's ellipse of that probability, in standard deviations."""
 PLAN_MARGIN = 0.04
 QUANTITIES = (("x", "mm", 1e3), ("y", "mm", 1e3), ("heading", "°", 180.0 / np.pi))
 
@@ -44,6 +49,7 @@ def floor_plan(record: Record) -> Plot:
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", ylabel="y (m)")
     style = {"color": INK, "lw": 0.8, "alpha": 0.4, "dashes": (5, 3), "zorder": 1}
     _endless(ax, record.true_lines, low, high, **style)
+    draw_true_points(ax, record)
     step = stride(len(record.measurements.t))
     if record.has_true_pose:
         truth = record.true_pose[::step]
@@ -54,12 +60,16 @@ def floor_plan(record: Record) -> Plot:
         style = {"color": method_colour(name), "lw": 0.8, "alpha": 0.5, "zorder": 2}
         _endless(ax, lines[unknown], low, high, **style)
         _method(ax, name, estimate, step)
+        draw_points(ax, name, estimate)
         _open_directions(ax, name, estimate, 0.09 * span.max())
     gaps = _draw_ways(ax, record)
     _start(ax, record.measurements.start_pose, 0.035 * span.max())
     legend(made, handlelength=2.2, columnspacing=1.6)
     drawn = "" if step == 1 else f" Every {_ordinal(step)} node is drawn."
     lines = " Dashed: true lines." if len(record.true_lines) else ""
+    if any(len(point_rows(e.map)) for e in record.estimates.values()):
+        lines += " Dots: estimated points, with their ellipses."
+    lines += " Triangles: true points." if len(record.true_points) else ""
     if any(u.direction != (0.0, 0.0) for e in record.estimates.values() for u in e.unobserved):
         drawn += " Double arrows: directions of the last position that no sighting fixes."
     if gaps:
@@ -93,6 +103,8 @@ def _plan_data(record: Record, step: int) -> dict[str, Columns]:
         ends = points_on_line(record.true_lines[:, None], across)
         for number, pair in zip(record.truth.line_id.tolist(), ends, strict=True):
             add("truth", "line", number, pair)
+    for number, point in zip(record.truth.point_id.tolist(), record.true_points, strict=True):
+        add("truth", "point", number, point[None])
     for name, estimate in record.estimates.items():
         add(name, "path", 0, estimate.pose[::step, :2])
         numbers, _ = estimate.map.of_kind("line")
@@ -100,6 +112,8 @@ def _plan_data(record: Record, step: int) -> dict[str, Columns]:
             estimate.map.id[numbers].tolist(), stretches(estimate), strict=True
         ):
             add(name, "line", number, pair)
+        for row in point_rows(estimate.map).tolist():
+            add(name, "point", int(estimate.map.id[row]), estimate.map.params[row : row + 1, :2])
     columns = list(zip(*rows, strict=True))
     return dict(zip(("method", "what", "number", "x_m", "y_m"), columns, strict=True))
 
@@ -117,8 +131,10 @@ def plan_bounds(record: Record) -> tuple[Array, Array]:
     points = [estimate.pose[:, :2] for estimate in record.estimates.values()]
     if record.has_true_pose:
         points.append(record.true_pose[:, :2])
+    points.append(record.true_points)
     for estimate in record.estimates.values():
         points.extend(stretches(estimate))
+        points.append(estimate.map.params[point_rows(estimate.map), :2])
     every = np.concatenate(points)
     every = every[np.isfinite(every).all(axis=1)]
     low, high = every.min(axis=0), every.max(axis=0)
@@ -205,16 +221,6 @@ def shade_ways(axes: Iterable[Axes], record: Record) -> str:
             assert way is not None
             ax.axvspan(way.from_s, way.to_s, color=INK, alpha=0.09, lw=0, zorder=0)
     return " Grey: no sighting counted; the position is odometry's there." if ways else ""
-
-
-def ellipses(cov_floor: Array) -> tuple[Array, Array]:
-    """Returns half axes (n, 2), m, and angle (n,), rad, of the first, of positions' ellipses.
-
-    They hold `ELLIPSE_PROBABILITY` of the plane Gaussians of pose covariances (n, 3, 3).
-    """
-    values, vectors = np.linalg.eigh(cov_floor[:, :2, :2])
-    half = ELLIPSE_SCALE * np.sqrt(np.maximum(values, 0.0))
-    return half, np.arctan2(vectors[:, 1, 0], vectors[:, 0, 0])
 
 
 def errors_over_time(record: Record) -> Plot:

@@ -13,12 +13,18 @@ import numpy as np
 from compare.methods import METHODS
 from compare.metrics import nees
 from compare.replay import Frames
-from compare.results import read_run, write_estimate, write_json, write_sightings
+from compare.results import (
+    read_run,
+    write_bearings,
+    write_estimate,
+    write_json,
+    write_sightings,
+)
 from compare.truth import Truth
 from graphslam.arrays import load_arrays, save_arrays
 from graphslam.errors import BadConfig, BadMeasurements
 from graphslam.estimate import Estimate
-from graphslam.geometry import Array, compose, inverse, line_to_robot, wrap
+from graphslam.geometry import Array, compose, inverse, line_to_robot, transform_points, wrap
 from graphslam.measurements import IntArray, Measurements
 
 FRAMES_FILE = "thumbnails.npz"
@@ -62,6 +68,11 @@ class Record:
     def true_lines(self) -> Array:
         """(L, 2) true lines in the floor frame, moved with the true path; not canonical."""
         return line_to_robot(self.truth.lines, self.truth.truth_T_start)
+
+    @property
+    def true_points(self) -> Array:
+        """(P, 2) true points in the floor frame, m, moved with the true path."""
+        return transform_points(inverse(self.truth.truth_T_start), self.truth.points)
 
     def pose_error(self, method: str) -> Array:
         """Returns a method's pose minus `true_pose` (N, 3), heading wrapped; NaN where unknown."""
@@ -110,6 +121,9 @@ class Record:
         lines = self.measurements.sightings.get("line")
         if lines is not None:
             write_sightings(folder / "sightings.csv", self.measurements, lines)
+        bearings = self.measurements.sightings.get("bearing")
+        if bearings is not None:
+            write_bearings(folder / "bearings.csv", self.measurements, bearings)
         for name, estimate in self.estimates.items():
             write_estimate(folder / name, self.measurements, estimate, self.truth.landmark)
         if self.estimates:

@@ -53,7 +53,8 @@ def write_report(record: Record, folder: Path) -> None:
         _write(directory / f"{plot.name}.svg", plot.standalone())
         write_csv(directory / f"{plot.name}.csv", plot.data)
     landmarks, matching = tables.landmarks(record), tables.matching(record.metrics)
-    for table in (landmarks, matching):
+    points = tables.points(record)
+    for table in (landmarks, matching, points):
         if table is not None:
             table["methods"] = [method_entry(name) for name in table["methods"]]
     script = "\n".join(source(name) for name in SCRIPTS)
@@ -67,6 +68,7 @@ def write_report(record: Record, folder: Path) -> None:
         summary=summary(record.metrics),
         landmarks=landmarks,
         matching=matching,
+        points=points,
         warnings=record.info["warnings"],
         unobserved=_unobserved(record),
         rejected=tables.rejected(record),

@@ -75,6 +75,51 @@ def _against_truth(record: Record, maps: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def points(record: Record) -> dict[str, Any] | None:
+    """Returns the table of points against the truth; None where there are none to judge."""
+    maps = {n: m["points"] for n, m in record.metrics["methods"].items() if m["points"]}
+    if not maps:
+        return None
+    truth, rows = record.truth, []
+    for i, name in enumerate(truth.point_id.tolist()):
+        found = [_point(figures, truth.point_kind[i], name) for figures in maps.values()]
+        if any(found):
+            known = [fixed(value, 3) for value in truth.points[i].tolist()]
+            cells = [_point_cells(row) for row in found]
+            rows.append({"line": f"{truth.point_kind[i]} {name}", "truth": known, "methods": cells})
+    extra = [[p for p in f["points"] if p["status"] != "matched"] for f in maps.values()]
+    for k in range(max(map(len, extra))):
+        found = [rest[k] if k < len(rest) else None for rest in extra]
+        cells = [_point_cells(row) for row in found]
+        rows.append({"line": "extra", "truth": [DASH, DASH], "methods": cells})
+    return {
+        "methods": list(maps),
+        "headings": ["x (m)", "y (m)", "Δx ± σ (mm)", "Δy ± σ (mm)", "seen"],
+        "rows": rows,
+        "caption": "Truth’s frame, moved so that the true path begins at the start, no further "
+        "alignment. Δ: estimate minus truth, with the method’s own σ. Seen: sightings behind the "
+        "point. Extra: points that are duplicates or no true ones.",
+    }
+
+
+def _point(figures: Any, kind: str, name: int) -> Mapping[str, Any] | None:
+    """Returns the row of the point that stands for a true one, None where the map has none."""
+    for row in figures["points"]:
+        if row["status"] == "matched" and row["true_point"] == name and row["kind"] == kind:
+            return dict(row)
+    return None
+
+
+def _point_cells(row: Mapping[str, Any] | None) -> list[str]:
+    if row is None:
+        return [DASH] * 5
+    off = [
+        f"{fixed(_scaled(row[f'd{axis}_m']), 1)} ± {fixed(_scaled(row[f'sigma_{axis}_m']), 1)}"
+        for axis in "xy"
+    ]
+    return [fixed(row["x_m"], 3), fixed(row["y_m"], 3), *off, number(row["sightings"])]
+
+
 def _cells(row: Mapping[str, Any] | None) -> list[str]:
     if row is None:
         return [DASH] * 5
@@ -210,6 +255,8 @@ def _truth(record: Record) -> str:
     parts = ["path"] if record.has_true_pose else []
     if len(record.truth.lines):
         parts.append(f"{len(record.truth.lines)} lines")
+    if len(record.truth.points):
+        parts.append(f"{len(record.truth.points)} points")
     return " and ".join(parts) or "none"
 
 

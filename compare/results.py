@@ -17,6 +17,7 @@ from graphslam.errors import BadConfig
 from graphslam.estimate import Estimate
 from graphslam.geometry import Array
 from graphslam.measurements import Measurements, Sightings
+from graphslam.models.line import LINE
 
 RUN_FORMAT = "graphslam-run/1"
 
@@ -77,6 +78,8 @@ def write_estimate(
     write_tum(folder / "trajectory.tum", estimate.t, estimate.pose)
     write_csv(folder / "trajectory.csv", trajectory_columns(estimate))
     write_csv(folder / "map.csv", map_columns(estimate))
+    if any(kind != LINE.kind for kind in estimate.map.kind):
+        write_csv(folder / "landmarks.csv", landmark_columns(estimate))
     _write_matches(folder / "matches.csv", measurements, estimate, true_landmark)
     estimate.save(folder / "estimate.npz")
 
@@ -116,6 +119,49 @@ def map_columns(estimate: Estimate) -> dict[str, AnyArray]:
         "s_max": extent[:, 1],
         "sightings": estimate.map.sightings[rows],
     }
+
+
+def landmark_columns(estimate: Estimate) -> dict[str, AnyArray | Sequence[Any]]:
+    """Returns the columns of ``landmarks.csv``: what is no line, with its covariance, floor frame.
+
+    ``phi`` and its variance are there where a kind has an axis, empty for the others.
+    """
+    rows = [row for row, kind in enumerate(estimate.map.kind) if kind != LINE.kind]
+    params = np.full((len(rows), 3), np.nan)
+    width = min(3, estimate.map.params.shape[1])
+    params[:, :width] = estimate.map.params[rows, :width]
+    cov = np.full((len(rows), 3, 3), np.nan)
+    for at, row in zip(cov, rows, strict=True):
+        own = estimate.landmark_cov(row)
+        at[: len(own), : len(own)] = own
+    has_axis = bool(np.isfinite(params[:, 2]).any())
+    phi = {"phi": params[:, 2]} if has_axis else {}
+    sigma = {"cov_pp": cov[:, 2, 2]} if has_axis else {}
+    return {
+        "landmark": estimate.map.id[rows],
+        "kind": [estimate.map.kind[row] for row in rows],
+        "x": params[:, 0],
+        "y": params[:, 1],
+        **phi,
+        "cov_xx": cov[:, 0, 0],
+        "cov_xy": cov[:, 0, 1],
+        "cov_yy": cov[:, 1, 1],
+        **sigma,
+        "label": estimate.map.label[rows],
+        "sightings": estimate.map.sightings[rows],
+    }
+
+
+def write_bearings(path: Path, measurements: Measurements, table: Sightings) -> None:
+    """Writes directions as a log folder's ``bearings.csv``: what the detector saw."""
+    columns: dict[str, AnyArray] = {
+        "t": measurements.t[table.node],
+        "bearing": table.z[:, 0],
+        "sigma": np.sqrt(table.cov[:, 0, 0]),
+        "label": table.label,
+        "landmark": table.truth,
+    }
+    write_csv(path, columns | {"t_received": table.t_received})
 
 
 def _write_matches(

@@ -7,8 +7,8 @@ moved into it (see `compare.align`), which is the same as moving the truth.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,9 @@ class Truth:
         landmark: (S,) identity of the true landmark of each sighting, over all tables in order; -1
             where unknown.
         labelled: whether the lines in `landmark` are the log's own, so that -1 says 'no true line'.
+        point_id: (P,) identities of the true points, each once for its kind.
+        points: (P, 2) where they are, truth's frame, m.
+        point_kind: (P,) kinds of the true points.
     """
 
     t: Array
@@ -67,8 +70,12 @@ class Truth:
     seen: BoolArray | None
     landmark: IntArray
     labelled: bool
+    point_id: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    points: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    point_kind: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "point_kind", tuple(str(kind) for kind in self.point_kind))
         poses, lines = len(self.t), len(self.line_id)
         shapes: dict[str, tuple[tuple[int | None, ...], type, bool]] = {
             "t": ((poses,), float, False),
@@ -78,6 +85,8 @@ class Truth:
             "lines": ((lines, 2), float, False),
             "extent": ((lines, 2), float, True),
             "landmark": ((None,), int, False),
+            "point_id": ((len(self.point_kind),), int, False),
+            "points": ((len(self.point_kind), 2), float, False),
         }
         if self.seen is not None:
             shapes["seen"] = ((lines,), bool, False)
@@ -114,7 +123,7 @@ def truth_of(log: Log | None, measurements: Measurements) -> Truth:
         pose=pose,
         truth_T_start=(
             np.zeros(3)
-            if _on_true_map(measurements, lines)
+            if _on_true_map(log, measurements, lines)
             else _start_in_truth(measurements, *_path_at(measurements.t, t, pose))
         ),
         line_id=line_id,
@@ -123,6 +132,7 @@ def truth_of(log: Log | None, measurements: Measurements) -> Truth:
         seen=_seen(log, measurements, line_id, near, landmark),
         landmark=landmark,
         labelled=_labelled(log),
+        **_points_of(log),
     )
 
 
@@ -163,6 +173,16 @@ def _lines_of(log: Log | None) -> tuple[IntArray, Array, Array]:
     return log.map.id[rows], lines, extent
 
 
+def _points_of(log: Log | None) -> dict[str, Any]:
+    """Returns the true points, as the columns of `Truth`."""
+    given = None if log is None else log.landmarks
+    if given is None:
+        return {}
+    rows = [row for row, kind in enumerate(given.kind) if kind != LINE.kind]
+    kinds = tuple(given.kind[row] for row in rows)
+    return {"point_id": given.id[rows], "points": given.params[rows, :2], "point_kind": kinds}
+
+
 def _start_in_truth(measurements: Measurements, at_nodes: Array, covered: BoolArray) -> Array:
     if not covered.any():
         return np.zeros(3)
@@ -171,10 +191,14 @@ def _start_in_truth(measurements: Measurements, at_nodes: Array, covered: BoolAr
     return compose(at_nodes[first], inverse(driven[-1]))
 
 
-def _on_true_map(measurements: Measurements, lines: Array) -> bool:
+def _on_true_map(log: Log | None, measurements: Measurements, lines: Array) -> bool:
     """Returns whether the known map is the true one, so that its frame is the truth's."""
     known = measurements.known
-    if known is None or not len(lines):
+    if known is None:
+        return False
+    if log is not None and known is log.landmarks and len(known):
+        return True
+    if not len(lines):
         return False
     given = known.of_kind(LINE.kind)[1]
     return given.shape == lines.shape and bool(np.allclose(given, lines, rtol=0.0, atol=1e-9))

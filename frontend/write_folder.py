@@ -13,11 +13,13 @@ from frontend.camera import Camera
 from frontend.log import (
     DEFAULT_CAMERA,
     UNKNOWN_WHEELS,
+    BearingSightings,
     LampSightings,
     LineSightings,
     Log,
     PoseFixes,
 )
+from frontend.omni import BearingCorrection, OmniCamera
 from frontend.overhead import OverheadCamera
 from frontend.readers.log_toml import FORMAT
 from graphslam.geometry import Array
@@ -60,6 +62,8 @@ def write_log(folder: Path, log: Log, exact: bool) -> None:
         _write(folder / "tags.csv", _tags(log.pose_fixes, time, real))
     if log.lamps is not None:
         _write(folder / "lamps.csv", _lamps(log.lamps, time, real))
+    if log.bearings is not None:
+        _write(folder / "bearings.csv", _bearings(log.bearings, time, real))
     if log.landmarks is not None:
         _write(folder / "landmarks.csv", _landmarks(log.landmarks, real))
 
@@ -132,6 +136,15 @@ def _lamps(lamps: LampSightings, time: str, real: str) -> Iterable[str]:
     yield from _rows([time, *[real] * 9, "{:.0f}", time], values)
 
 
+def _bearings(seen: BearingSightings, time: str, real: str) -> Iterable[str]:
+    yield "t,bearing,sigma,label,landmark,t_received"
+    sigma = np.sqrt(seen.cov[:, 0, 0])
+    numbers = _rows([time, real, real], np.column_stack([seen.t, seen.z, sigma]))
+    columns = seen.label.tolist(), seen.truth.tolist(), seen.t_received.tolist()
+    for row, label, landmark, when in zip(numbers, *columns, strict=True):
+        yield f"{row},{label},{landmark},{time.format(when)}"
+
+
 def _landmarks(known: LandmarkMap, real: str) -> Iterable[str]:
     yield "landmark,kind,x,y,phi,label"
     rows = zip(known.id.tolist(), known.kind, known.params, known.label.tolist(), strict=True)
@@ -173,6 +186,8 @@ def description(log: Log) -> list[str]:
             lines.append(f"ignore_px = {[list(corners) for corners in camera.ignore_px]}")
     for name, eye in log.overhead.items():
         lines += ["", *_overhead(name, eye)]
+    for name, around in log.omni.items():
+        lines += ["", *omni_toml(name, around)]
     if log.start_given:
         pose, sigma = toml(log.start_pose), toml(log.start_sigma)
         lines += ["", "[start]", f"pose = {pose}", f"sigma = {sigma}"]
@@ -201,6 +216,34 @@ def _overhead(name: str, eye: OverheadCamera) -> Iterable[str]:
         value = getattr(eye.tags, key)
         if value is not None:
             yield f"{key} = {toml(value)}"
+
+
+def omni_toml(name: str, camera: OmniCamera) -> list[str]:
+    """Returns the lines of a camera that sees all around, in log.toml."""
+    correction = camera.correction
+    lines = [
+        f"[cameras.{text(name)}]",
+        'looks_at = "omni"',
+        f"image_size = {list(camera.image_size)}",
+        f"centre = {toml(camera.centre)}",
+        f"heading_deg = {toml(camera.heading_deg)}",
+        f"mirrored = {str(camera.mirrored).lower()}",
+    ]
+    if camera.ring_px is not None:
+        lines.append(f"ring_px = {toml(camera.ring_px)}")
+    if correction != BearingCorrection():
+        lines += correction_toml(correction)
+    for colour in camera.colours:
+        lines += ["", f"[[cameras.{text(name)}.colours]]", f"label = {colour.label}"]
+        lines += [f"low = {list(colour.low)}", f"high = {list(colour.high)}"]
+        lines.append(f"name = {text(colour.name)}")
+    return lines
+
+
+def correction_toml(correction: BearingCorrection) -> list[str]:
+    """Returns the lines of a correction of directions, in log.toml."""
+    pairs = [list(map(float, pair)) for pair in correction.harmonics_deg]
+    return [f"offset_deg = {toml(correction.offset_deg)}", f"harmonics_deg = {pairs}"]
 
 
 def toml(value: float | Sequence[float] | Array) -> str:

@@ -21,6 +21,7 @@ KINDS = (BEARING.kind, LAMP.kind)
 """Kinds of landmarks that landmarks.csv may hold."""
 LAMP_SIGMA = (0.02, 0.02, math.radians(2.0))
 """Noise of lamps.csv where it gives none: x and y in m, phi in rad."""
+POINT_COV = ("cov_xx", "cov_xy", "cov_yy")
 LAMP_COV = ("cov_xx", "cov_xy", "cov_xp", "cov_yy", "cov_yp", "cov_pp")
 
 
@@ -86,10 +87,10 @@ def read_landmarks(path: Path) -> LandmarkMap:
     table = read_table(
         path,
         ("landmark", "kind", "x", "y"),
-        ("phi", "label"),
+        ("phi", "label", *POINT_COV, "cov_pp", "sightings"),
         text=("kind",),
-        whole=("landmark", "label"),
-        blank=("phi",),
+        whole=("landmark", "label", "sightings"),
+        blank=("phi", *POINT_COV, "cov_pp"),
     )
     ids, kinds = table.numbers["landmark"], table.texts["kind"]
     phi = table.numbers.get("phi", np.full(len(table), np.nan))
@@ -105,7 +106,8 @@ def read_landmarks(path: Path) -> LandmarkMap:
     label = table.numbers.get("label", np.full(len(table), -1.0))
     table.check(label < -1, "label = {label} is no label; write 0 or more, or -1 for none")
     first = np.zeros(len(table), bool)
-    first[np.unique(ids, return_index=True)[1]] = True
+    named = np.column_stack([lamp, ids])  # two kinds may have one number
+    first[np.unique(named, axis=0, return_index=True)[1]] = True
     table.check(~first, "landmark = {landmark} is there twice; give each a number of its own")
     place = table.stack("x", "y")
     return LandmarkMap(

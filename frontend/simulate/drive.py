@@ -31,6 +31,7 @@ class Drive:
         frame_t: (I,) times of the frames (images, or sightings without), s, increasing from 0.
         overhead_t: (J,) times of the images of the camera overhead, s, increasing from 0; none
             without one.
+        omni_t: (J,) the same of the camera that sees all around.
     """
 
     t: Array
@@ -40,6 +41,7 @@ class Drive:
     wheel_angle: Array
     frame_t: Array
     overhead_t: Array
+    omni_t: Array
 
     def pose_at_frames(self) -> Array:
         """Returns the true poses (I, 3) at the frames, floor frame."""
@@ -66,7 +68,9 @@ def drive(scenario: Scenario, wheels: np.random.Generator, slip: np.random.Gener
     frame_t = _frame_times(scenario.rate, wheel_t[-1])
     overhead = scenario.overhead
     overhead_t = np.zeros(0) if overhead is None else _frame_times(overhead.rate, wheel_t[-1])
-    looks = np.union1d(frame_t, overhead_t)
+    omni = scenario.omni
+    omni_t = np.zeros(0) if omni is None else _frame_times(omni.rate, wheel_t[-1])
+    looks = np.union1d(np.union1d(frame_t, overhead_t), omni_t)
     t = np.union1d(wheel_t, looks)
     angle = np.column_stack([np.interp(t, wheel_t, column) for column in wheel_true.T])
     steps = np.diff(angle, axis=0)
@@ -81,7 +85,7 @@ def drive(scenario: Scenario, wheels: np.random.Generator, slip: np.random.Gener
     if scenario.encoder.ticks:
         tick = 2.0 * math.pi / scenario.encoder.ticks
         measured = np.round(measured / tick) * tick
-    return Drive(t, pose, wheel_t, wheel_true, measured, frame_t, overhead_t)
+    return Drive(t, pose, wheel_t, wheel_true, measured, frame_t, overhead_t, omni_t)
 
 
 def _frame_times(rate: float, end: float) -> Array:

@@ -15,7 +15,7 @@ class NoiseLevel:
 
     Attributes:
         wheels: on the wheels' noise and on slip.
-        sightings: on the noise of rho and alpha.
+        sightings: on the noise of rho and alpha, and of directions.
     """
 
     wheels: float = 1.0
@@ -47,7 +47,7 @@ class NoiseLevel:
 
 def noisier(scenario: Scenario, level: NoiseLevel) -> Scenario:
     """Returns the scenario with its noise, stated and drawn, multiplied."""
-    robot, sightings = scenario.robot, scenario.sightings
+    robot, sightings, omni = scenario.robot, scenario.sightings, scenario.omni
     assert robot.noise_left is not None and robot.noise_right is not None  # noqa: PT018
     x, y, heading = robot.slip
     return replace(
@@ -59,4 +59,5 @@ def noisier(scenario: Scenario, level: NoiseLevel) -> Scenario:
             slip=(level.wheels * x, level.wheels * y, level.wheels * heading),
         ),
         sightings=replace(sightings, factor=level.sightings * sightings.factor),
+        omni=omni and replace(omni, sigma_deg=level.sightings * omni.sigma_deg),
     )

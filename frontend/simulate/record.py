@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from frontend.extract import extract
 from frontend.log import DEFAULT_CAMERA, Log, PoseTrack, Wheels
+from frontend.simulate.bearings import draw_bearings
+from frontend.simulate.cones import OMNI, cone_landmarks, omni_camera
 from frontend.simulate.drive import Drive, drive
 from frontend.simulate.lamps import CAMERA as CEILING_CAMERA
 from frontend.simulate.lamps import (
@@ -23,6 +26,7 @@ from frontend.simulate.lamps import (
     render_ceiling,
     upward_camera,
 )
+from frontend.simulate.mirror import render_around
 from frontend.simulate.overhead import (
     build_workspace,
     draw_fixes,
@@ -68,8 +72,9 @@ def simulate(
     """
     out = Path(out)
     _refuse_existing(out)
-    blind = scenario.camera is None and (scenario.overhead is None or scenario.sees_lines)
-    if images and blind and scenario.ceiling is None:
+    others = (scenario.overhead, scenario.omni, scenario.ceiling)
+    blind = all(other is None for other in others) or scenario.sees_lines
+    if images and scenario.camera is None and blind:
         raise BadConfig(
             f"{scenario.name}: has no [camera] to render images with; add one, or simulate without "
             "images (--no-images)"
@@ -114,13 +119,15 @@ def simulate_log(scenario: Scenario, seed: int = 0) -> Log:
     fixes = None if scenario.overhead is None else draw_fixes(scenario, run, streams[5])
     ceiling = scenario.ceiling
     lamps = None if ceiling is None else draw_lamp_sightings(ceiling, run, streams[4])
-    parts = (part for part in (seen, fixes, lamps) if part is not None and len(part.t))
+    bearings = None if scenario.omni is None else draw_bearings(scenario, run, streams[6])
+    parts = (part for part in (seen, fixes, lamps, bearings) if part is not None and len(part.t))
     first = min((part.t[0] for part in parts), default=0.0)
     camera = camera_in_log(scenario)
     start = run.pose_at(np.array([first]))[0]
     log = _log(scenario, run, start, {} if camera is None else {DEFAULT_CAMERA: camera})
     digest = hashlib.sha256(f"{scenario.digest()} {seed}".encode()).hexdigest()
-    return replace(log, sightings=seen, pose_fixes=fixes, lamps=lamps, digest=digest)
+    log = replace(log, sightings=seen, pose_fixes=fixes, digest=digest)
+    return replace(log, lamps=lamps, bearings=bearings)
 
 
 def simulate_measurements(scenario: Scenario, seed: int = 0) -> Measurements:
@@ -129,10 +136,10 @@ def simulate_measurements(scenario: Scenario, seed: int = 0) -> Measurements:
 
 
 def _streams(seed: int) -> list[np.random.SeedSequence]:
-    """Returns the seeds of wheels, slip, the floor's patterns, pixels, sightings and tags."""
+    """Returns the seeds of wheels, slip, patterns, pixels, sightings, tags and bearings."""
     if seed < 0:
         raise BadConfig(f"seed = {seed}: must be 0 or more")
-    return np.random.SeedSequence(seed).spawn(6)
+    return np.random.SeedSequence(seed).spawn(7)
 
 
 def _drive(scenario: Scenario, streams: list[np.random.SeedSequence]) -> Drive:
@@ -175,9 +182,20 @@ def _log(scenario: Scenario, run: Drive, start: Array, cameras: dict[str, Camera
         warnings=(),
         digest="",
         overhead={} if scenario.overhead is None else {NAME: overhead_camera(scenario.overhead)},
-        landmarks=ceiling.landmarks() if ceiling is not None and ceiling.known else None,
+        landmarks=_landmarks(scenario),
         ceiling={} if ceiling is None else {CEILING_CAMERA: upward_camera(ceiling.camera)},
+        omni={} if scenario.omni is None else {OMNI: omni_camera(scenario.omni, scenario.cones)},
     )
+
+
+def _landmarks(scenario: Scenario) -> LandmarkMap | None:
+    """Returns the landmarks that are no lines and that log folders tell of, None for none."""
+    ceiling = scenario.ceiling
+    lamps = ceiling.landmarks() if ceiling is not None and ceiling.known else None
+    if not scenario.cones:
+        return lamps
+    cones = cone_landmarks(scenario.cones)
+    return cones if lamps is None else cones.joined(lamps)
 
 
 def _write_with_images(
@@ -199,6 +217,7 @@ def _write_with_images(
             _floor_images(scenario, world, run, streams[3], cameras),
             _overhead_images(scenario, world, run, streams[3], streams[5]),
             _ceiling_images(scenario, run, *streams[2:4]),
+            _omni_images(scenario, run, streams[6]),
         )
         if part is not None
     ]
@@ -291,3 +310,24 @@ def _ceiling_images(
     pictures = (render_ceiling(ceiling, view, pose, t, pixels) for t, pose in frames)
     files = _files("images", len(run.frame_t), quality)
     return _Series(CEILING_CAMERA, run.frame_t, files, quality, pictures)
+
+
+def _omni_images(scenario: Scenario, run: Drive, seed: np.random.SeedSequence) -> _Series | None:
+    spec = scenario.omni
+    if spec is None:
+        return None
+    pixels, light = np.random.default_rng(seed), scenario.light
+    frames = zip(run.omni_t.tolist(), run.pose_at(run.omni_t), strict=True)
+    pictures = (
+        render_around(
+            spec,
+            scenario.cones,
+            pose,
+            scenario.surface.grey,
+            pixels,
+            1.0 + light.drift * math.sin(2.0 * math.pi * t / light.drift_period),
+        )
+        for t, pose in frames
+    )
+    files = _files(OMNI, len(run.omni_t), spec.jpeg_quality)
+    return _Series(OMNI, run.omni_t, files, spec.jpeg_quality, pictures)

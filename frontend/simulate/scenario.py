@@ -11,6 +11,7 @@ from frontend.readers.log_toml import FORMAT as LOG_FORMAT
 from frontend.readers.log_toml import LogTable
 from frontend.simulate.ceiling import Ceiling
 from frontend.simulate.checks import positive
+from frontend.simulate.cones import Cone, OmniSpec
 from frontend.simulate.floor import FloorLine, Groove, Light, LineGrid, Mess, Surface
 from frontend.simulate.sensors import CameraSpec, Encoder, SightingSpec
 from frontend.simulate.workspace import OverheadSpec
@@ -97,6 +98,8 @@ class Scenario:
         sightings: how lines are seen where no images are rendered.
         overhead: a camera above the work space, and tags on the robot; absent: none.
         ceiling: lamps and the camera that looks up at them, instead of a floor with lines.
+        cones: coloured cones on the floor, numbered in landmarks.csv in this order.
+        omni: a camera that sees them all around; absent: none.
     """
 
     format: Literal["graphslam-scenario/1"]
@@ -118,6 +121,8 @@ class Scenario:
     sightings: SightingSpec = field(default_factory=SightingSpec)
     overhead: OverheadSpec | None = None
     ceiling: Ceiling | None = None
+    cones: tuple[Cone, ...] = ()
+    omni: OmniSpec | None = None
 
     def __post_init__(self) -> None:
         if self.repeat < 1:
@@ -133,6 +138,8 @@ class Scenario:
 
     def _check_eyes(self) -> None:
         """Raises BadConfig unless it is clear how often the robot looks, and how far it sees."""
+        if (self.omni is None) != (not self.cones):
+            raise BadConfig("cones are what [omni] sees: give both, or none of them")
         if self.ceiling is not None:
             if self.camera is not None or self.lines or self.grids:
                 raise BadConfig(
@@ -142,10 +149,10 @@ class Scenario:
             return
         if self.camera is not None and self.sightings.rate is not None:
             raise BadConfig("sightings.rate is for floors without a camera: remove it or [camera]")
-        if self.overhead is None and not self.sees_lines:
+        if self.overhead is None and self.omni is None and not self.sees_lines:
             raise BadConfig(
                 "camera is missing; add a table [camera], or give reach and rate under "
-                "[sightings], or add [overhead]"
+                "[sightings], or add [overhead], or [omni] with [[cones]]"
             )
 
     @property
@@ -157,13 +164,14 @@ class Scenario:
     def rate(self) -> float:
         """Frames per second, whether they become images or sightings only.
 
-        Of a robot that does not look at the floor those of the camera up or overhead.
+        Of a robot that does not look at the floor those of another camera.
         """
         rate = self.sightings.rate if self.camera is None else self.camera.rate
         if self.ceiling is not None:
             rate = self.ceiling.camera.rate
-        elif not self.sees_lines and self.overhead is not None:
-            rate = self.overhead.rate
+        elif not self.sees_lines:
+            other = self.omni if self.overhead is None else self.overhead
+            rate = None if other is None else other.rate
         assert rate is not None, "checked on entry"
         return rate
 
@@ -171,8 +179,8 @@ class Scenario:
         """Returns the SHA-256 of all that the scenario says, hexadecimal."""
         said = asdict(self)
         # these came later: the digests of scenarios without them stay what they were
-        for name in ("mess", "overhead", "ceiling"):
-            if said[name] is None:
+        for name in ("mess", "overhead", "ceiling", "omni", "cones"):
+            if not said[name]:
                 del said[name]
         if self.sightings.factor == 1.0:
             del said["sightings"]["factor"]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compare.plots_path import ELLIPSE_SCALE
+from compare.plots_points import ELLIPSE_SCALE
 from compare.record import Record
 from compare.replay import Frames, take_frames
 from compare.report import rebuild_report

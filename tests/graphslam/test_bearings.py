@@ -91,7 +91,7 @@ def test_a_label_keeps_apart_what_lies_in_one_direction() -> None:
     estimate = run_ekf(measurements)
     table = measurements.sightings["bearing"]
     matched = estimate.match >= 0
-    assert matched.sum() > 0.9 * len(matched)
+    assert matched.sum() > 0.85 * len(matched)  # some wait for parallax
     assert np.array_equal(estimate.map.label[estimate.match[matched]], table.label[matched])
     bare = replace(measurements, sightings={"bearing": replace(table, label=-1 + 0 * table.label)})
     assert run_ekf(bare).used.sum() < estimate.used.sum()

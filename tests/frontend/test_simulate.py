@@ -21,6 +21,7 @@ from frontend.simulate import (
     simulate,
     simulate_log,
 )
+from frontend.simulate.cones import Cone, OmniSpec
 from frontend.simulate.drive import Drive, drive
 from frontend.simulate.floor import FloorLine, Groove, Light, LineGrid, Surface
 from frontend.simulate.render import pixel_grid, render
@@ -569,7 +570,16 @@ def test_documented_example_can_be_simulated(tmp_path: Path) -> None:
 def test_every_key_is_documented() -> None:
     text = documented()
     parts = (Scenario, CameraSpec, Encoder, FloorLine, Groove, Light, LineGrid, Motion, Start)
-    for part in (*parts, SightingSpec, Surface, OverheadSpec, ColouredObject, TagMount):
+    for part in (
+        *parts,
+        SightingSpec,
+        Surface,
+        OverheadSpec,
+        ColouredObject,
+        TagMount,
+        Cone,
+        OmniSpec,
+    ):
         for field in fields(part):
             assert re.search(rf"`(\w+\.)?{field.name}`|\[{field.name}\]", text), field.name
     assert all(f"`{name}`" in text for name in scenario_names())

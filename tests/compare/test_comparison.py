@@ -128,6 +128,7 @@ def test_without_a_log_only_agreement_and_the_methods_own_figures_are_left() -> 
     assert content["truth"] == {
         "path": False,
         "lines": 0,
+        "points": 0,
         "lines_seen": None,
         "sightings_labelled": False,
     }

@@ -30,6 +30,7 @@ from compare.commands.inspect import Inspect
 from compare.commands.merge import Merge
 from compare.commands.papers import Papers
 from compare.commands.places import Places
+from compare.commands.play import Play
 from compare.commands.report import Report
 from compare.commands.run import Extract, Run
 from compare.commands.simulate import Simulate
@@ -105,12 +106,14 @@ def parse(arguments: Sequence[str]) -> Command:
     run = Run(logs=missing, settings=settings)
     extract = Extract(log=missing, out=missing, extract=settings.extract)
     study = Study(scenario=missing, out=missing, settings=settings)
+    play = Play(log=missing, settings=settings)
     batch = Batch(logs=missing, out=missing, settings=settings)
     places = Places(map=missing, extract=settings.extract)
     commands = (
         Annotated[Run, subcommand("run", default=run)]
         | Annotated[Extract, subcommand("extract", default=extract)]
         | Annotated[Batch, subcommand("batch", default=batch)]
+        | Annotated[Play, subcommand("play", default=play)]
         | Annotated[Simulate, subcommand("simulate")]
         | Annotated[Study, subcommand("study", default=study)]
         | Annotated[Inspect, subcommand("inspect")]

@@ -28,6 +28,7 @@ Method = Literal[
     "ekf-robot",
     "particle",
     "triangulation",
+    "fixes",
     "isam2",
     "fixed-lag",
     "smoother",
@@ -46,7 +47,8 @@ class RunConfig:
     same, each pose told a few seconds late. smoother: the factor graph over the whole log, started
     from the filter's result. On a known map only: geometric, the pose from the lines by
     trigonometry; particle, Monte Carlo localisation. On known points only: triangulation, each
-    pose from its own bearings, without memory."""
+    pose from its own bearings, without memory. With pose fixes only: fixes, each pose as an
+    overhead camera reads it, without memory."""
     known_map: str | None = None
     """A map to localise on: a map.csv, or the result folder of one method. Its lines stay where
     they are; sightings of none of them are dropped and counted (see ekf.extend_map)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 from contextlib import ExitStack
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -71,7 +72,7 @@ def print_result(result: RunResult) -> None:
     from compare.verdict_methods import alarms
 
     assert result.comparison is not None
-    _warn(result)
+    warn(result.log.name, result.warnings)
     metrics = result.comparison.to_dict()
     table = Table(title=Text(result.log.name), title_justify="left", title_style="bold")
     table.add_column("method")
@@ -97,7 +98,7 @@ def print_result(result: RunResult) -> None:
 
 def print_extracted(result: RunResult) -> None:
     """Prints what a log was turned into, to standard output."""
-    _warn(result)
+    warn(result.log.name, result.warnings)
     measurements = result.measurements
     counts = ", ".join(f"{len(t)} {kind}" for kind, t in measurements.sightings.items())
     print(f"{result.log.name}: {len(measurements.t)} nodes, sightings: {counts or 'none'}")
@@ -106,9 +107,10 @@ def print_extracted(result: RunResult) -> None:
     print(result.folder)
 
 
-def _warn(result: RunResult) -> None:
-    for warning in result.warnings:
-        print(f"graphslam: warning: {result.log.name}: {warning}", file=sys.stderr)
+def warn(name: str, warnings: Iterable[str]) -> None:
+    """Prints what is doubtful about a log to standard error."""
+    for warning in warnings:
+        print(f"graphslam: warning: {name}: {warning}", file=sys.stderr)
 
 
 def _at(figures: Any, path: tuple[str, ...]) -> Any:

@@ -91,6 +91,15 @@ def _triangulation(measurements: Measurements, config: RunConfig, done: Estimate
         raise UnderConstrained(str(missing)) from None
 
 
+def _fixes(measurements: Measurements, config: RunConfig, done: Estimates) -> Estimate:
+    from graphslam.fixes import follow_fixes
+
+    try:
+        return follow_fixes(measurements)
+    except BadMeasurements as missing:
+        raise UnderConstrained(str(missing)) from None
+
+
 def _smoother(measurements: Measurements, config: RunConfig, done: Estimates) -> Estimate:
     with _needs_gtsam("smoother"):
         from graphslam.smoother import smooth
@@ -144,6 +153,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "ekf-robot": Method(_ekf_robot),
         "particle": Method(_particle),
         "triangulation": Method(_triangulation),
+        "fixes": Method(_fixes),
         "isam2": Method(_isam2, after=("ekf",), stepwise=True),
         "fixed-lag": Method(_fixed_lag, after=("ekf",), stepwise=True),
         "smoother": Method(_smoother, after=("ekf",)),

@@ -19,6 +19,7 @@ KINDS = {
     "ekf-fej": "filter with first-estimates Jacobians, causal",
     "ekf-robot": "filter in the robot's coordinates, causal",
     "triangulation": "each pose from its own bearings, without memory",
+    "fixes": "each pose from its own fix, without memory",
     "particle": "particle filter, causal",
     "isam2": "smoothing as it drives, causal",
     "fixed-lag": "smoothing a few seconds late",

@@ -29,6 +29,7 @@ METHOD_COLOURS = {
     "isam2": "#4a9bb5",
     "fixed-lag": "#6b8e23",
     "triangulation": "#c2557e",
+    "fixes": "#9c6a3c",
     "smoother": "#009e73",
 }
 """From the palette of Okabe and Ito, or near it: contrast of 3 or more on white and near-black."""

@@ -50,8 +50,8 @@ def _content(record: Record) -> dict[str, Any]:
     return {
         "nodes": len(t),
         "node": moments.tolist(),
-        "t": _rounded(t[moments] - t[0], 2),
-        "box": _rounded(np.concatenate([low, high]), 3),
+        "t": rounded(t[moments] - t[0], 2),
+        "box": rounded(np.concatenate([low, high]), 3),
         "truth": _poses(record.true_pose[moments]) if record.has_true_pose else None,
         "true_lines": _true_lines(record, low, high),
         "methods": [
@@ -63,7 +63,7 @@ def _content(record: Record) -> dict[str, Any]:
 
 def _poses(pose: Array) -> dict[str, Any]:
     x, y, theta = pose.T
-    return {"x": _rounded(x, 4), "y": _rounded(y, 4), "theta": _rounded(DEGREES * theta, 2)}
+    return {"x": rounded(x, 4), "y": rounded(y, 4), "theta": rounded(DEGREES * theta, 2)}
 
 
 def _method(record: Record, name: str, estimate: Estimate, moments: IntArray) -> dict[str, Any]:
@@ -74,9 +74,9 @@ def _method(record: Record, name: str, estimate: Estimate, moments: IntArray) ->
         "colour": themed(method_colour(name)),
         "causal": estimate.causal,
         **_poses(estimate.pose[moments]),
-        "half": [_rounded(half[:, 1], 5), _rounded(half[:, 0], 5)],
-        "angle": _rounded(DEGREES * angle + 90.0, 1),
-        "heading95": _rounded(DEGREES * NORMAL_95 * np.sqrt(cov[:, 2, 2]), 3),
+        "half": [rounded(half[:, 1], 5), rounded(half[:, 0], 5)],
+        "angle": rounded(DEGREES * angle + 90.0, 1),
+        "heading95": rounded(DEGREES * NORMAL_95 * np.sqrt(cov[:, 2, 2]), 3),
         "lines": _lines(record, estimate),
     }
 
@@ -88,7 +88,7 @@ def _lines(record: Record, estimate: Estimate) -> list[list[Any]]:
     np.minimum.at(first, estimate.match[used], sighting_nodes(record.measurements)[used])
     rows, _ = estimate.map.of_kind("line")
     return [
-        [int(estimate.map.id[row]), int(first[row]), *_rounded(ends.ravel(), 3)]
+        [int(estimate.map.id[row]), int(first[row]), *rounded(ends.ravel(), 3)]
         for row, ends in zip(rows.tolist(), stretches(estimate), strict=True)
         if np.isfinite(ends).all()
     ]
@@ -100,7 +100,7 @@ def _true_lines(record: Record, low: Array, high: Array) -> list[list[float | No
     normal = np.stack([np.cos(lines[:, 1]), np.sin(lines[:, 1])], axis=-1)
     gap = np.abs(normal @ (0.5 * (low + high)) - lines[:, 0])
     near = gap <= np.abs(normal) @ (0.5 * (high - low))
-    return [_rounded([rho, DEGREES * alpha], 3) for rho, alpha in lines[near].tolist()]
+    return [rounded([rho, DEGREES * alpha], 3) for rho, alpha in lines[near].tolist()]
 
 
 def _frames(record: Record, frames: Frames, moments: IntArray) -> list[dict[str, Any]]:
@@ -119,7 +119,7 @@ def _frames(record: Record, frames: Frames, moments: IntArray) -> list[dict[str,
                 "jpeg": jpeg_text(frames, i),
                 "lines": [
                     [
-                        *_rounded(frames.ends[k].ravel(), 1),
+                        *rounded(frames.ends[k].ravel(), 1),
                         *(int(ids[frames.sighting[k]]) for ids in landmark),
                     ]
                     for k in here.tolist()
@@ -140,10 +140,13 @@ def taken_for(estimate: Estimate) -> IntArray:
     return np.where(estimate.used, ids[estimate.match], -1)
 
 
-def _rounded(values: Any, digits: int) -> list[float | None]:
+def rounded(values: Any, digits: int) -> list[Any]:
     """Returns numbers with so many decimals, None for NaN, whole ones without a point."""
-    out: list[float | None] = []
+    out: list[Any] = []
     for value in np.round(np.asarray(values, float), digits).tolist():
+        if isinstance(value, list):
+            out.append(rounded(value, digits))
+            continue
         whole = np.isfinite(value) and value == int(value)
         out.append(int(value) if whole else value if np.isfinite(value) else None)
     return out

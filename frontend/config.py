@@ -232,7 +232,7 @@ class TagConfig:
     """Holes narrower than this are closed, pixels; 0 and 1 close none."""
     min_area_px: float = 12.0
     """Smallest blob that is looked at, pixels."""
-    size_ratio: tuple[float, float] = (0.5, 2.0)
+    size_ratio: tuple[float, float] = (0.5, 2.5)
     """Smallest and largest area of a tag over the stated one; beyond it is partly hidden, or merged
     with something else. Only where log.toml gives the diameter."""
     distance_tolerance_m: float = 0.015

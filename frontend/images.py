@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from frontend.recorded import RecordedImage
 
+PICTURE_QUALITY = 75
+"""JPEG quality of pictures that are looked at, 0 to 100."""
 THUMBNAIL_QUALITY = 50
 """JPEG quality of thumbnails, 0 to 100."""
 
@@ -138,3 +140,13 @@ def thumbnail(
         grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
     _, jpeg = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, THUMBNAIL_QUALITY])
     return Thumbnail(jpeg.tobytes(), grey.shape[1], grey.shape[0])
+
+
+def jpeg_of(picture: NDArray[np.uint8], width: int) -> tuple[bytes, int, int]:
+    """Returns a picture as the bytes of a JPEG file at most ``width`` pixels wide, and its size."""
+    rows, columns = picture.shape[:2]
+    if columns > width:
+        size = (width, max(1, round(rows * width / columns)))
+        picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
+    _, jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, PICTURE_QUALITY])
+    return jpeg.tobytes(), picture.shape[1], picture.shape[0]

@@ -65,7 +65,7 @@ def triangulate(measurements: Measurements, config: EkfConfig | None = None) -> 
     counts: Counter[str] = Counter()
     for node in range(nodes):
         if node:
-            last, spread = _onward(measurements, node - 1, last, spread)
+            last, spread = onward(measurements, node - 1, last, spread)
         rows = np.arange(*starts[node : node + 2])
         try:
             found, named = fix_by_names(table, rows, known, config)
@@ -161,7 +161,7 @@ def _apart(a: Fix, b: Fix) -> bool:
     return bool(off @ np.linalg.solve(a.cov + b.cov, off) > SAME_ANSWER)
 
 
-def _onward(measurements: Measurements, node: int, pose: Array, cov: Array) -> tuple[Array, Array]:
+def onward(measurements: Measurements, node: int, pose: Array, cov: Array) -> tuple[Array, Array]:
     """Returns pose and covariance one increment on."""
     odometry = measurements.odometry
     there = compose(pose, odometry.increment[node])

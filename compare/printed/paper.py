@@ -10,7 +10,11 @@ from typing import Literal
 from frontend.strict import from_dict, load_toml, nearest
 from graphslam.errors import BadConfig
 
-FILES = {"SantanaLoc": "santana_loc.toml", "SantanaSLAM": "santana_slam.toml"}
+FILES = {
+    "Atali": "atali.toml",
+    "SantanaLoc": "santana_loc.toml",
+    "SantanaSLAM": "santana_slam.toml",
+}
 """File of each paper, by its key."""
 
 
@@ -116,7 +120,7 @@ class PrintedPaper:
 
 
 def printed_paper(key: str) -> PrintedPaper:
-    """Returns what a paper prints of its results: "SantanaLoc" or "SantanaSLAM".
+    """Returns what a paper prints of its results, by its key in `FILES`.
 
     Raises:
         BadConfig: no such paper is typed in.

@@ -95,6 +95,17 @@ def images_alone(folder: Path) -> None:
 
 RUN = Case.command
 BAG = ("run", "DIR/x.bag", "--methods", "odometry", "--out", "OUT")
+ABOVE = """
+[cameras.above]
+looks_at = "overhead"
+image_size = [32, 24]
+homography = [[20.0, 0.0, 2.0], [0.0, -20.0, 20.0], [0.0, 0.0, 1.0]]
+
+[cameras.above.tags]
+front = [0.12, 0.0]
+"""
+TAGS = "t,x,y,theta\n0,0,0,0\n0.5,0.25,0,0\n1,0.5,0,0\n"
+
 ERRORS = [
     # the folder
     Case("does not exist; give a folder", ("nowhere",), {}, ("run", "DIR/nowhere")),
@@ -267,6 +278,8 @@ ERRORS = [
         images(sightings_csv=SIGHTINGS),
         (*EXTRACT, "--overlay", "DIR/pictures"),
     ),
+    Case("needs position", ("'above'", "0.3"), settings(LOG_TOML + ABOVE + "height = 0.3\n")),
+    Case("a show is a page", (".gif",), {}, ("play", "LOG", "--out", "DIR/show.gif")),
 ]
 
 WARNINGS = [
@@ -283,7 +296,7 @@ WARNINGS = [
         "sightings_csv": SIGHTINGS,
     }, (*RUN, "--from", "0.5")),
     Case("present, not used", ("'up'",), {
-        "log_toml": LOG_TOML + '[cameras.up]\nlooks_at = "omni"\n',
+        "log_toml": LOG_TOML + '[cameras.up]\nlooks_at = "ceiling"\n',
         "sightings_csv": SIGHTINGS,
     }),
     Case("odometry.csv: not used", (), {
@@ -296,6 +309,26 @@ WARNINGS = [
         "map_csv": "line,rho,alpha\n0,1,0\n1,1,1.6\n",
         "sightings_csv": SIGHTINGS,
     }, (*RUN, "--known-map", "LOG/map.csv")),
+    Case("has no [start]: the first pose fix", (), {"tags_csv": TAGS}),
+    Case("no pose fix from", ("from t = 0 s to t = 20 s (20.0 s)",), {
+        "wheels_csv": "t,left,right\n0,0,0\n20,100,100\n",
+        "tags_csv": "t,x,y,theta\n0,0,0,0\n20,5,0,0\n",
+    }),
+    Case("were the tags exchanged", ("exchanged?: 1",), {
+        "tags_csv": TAGS + "2,1.05,0.1,-2.7\n",
+    }),
+    Case("that odometry contradicts", ("contradicts: 1",), {"tags_csv": TAGS + "1,0,0.5,0\n"}),
+    Case("overhead images searched for tags", ("searched for tags: 2, poses used: 0",), {
+        "log_toml": LOG_TOML + ABOVE,
+        "images_csv": "t,file,camera\n0,a.png,above\n1,a.png,above\n",
+        "a_png": PNG,
+    }),
+    Case("images of overhead cameras are not searched", (), {
+        "log_toml": LOG_TOML + ABOVE,
+        "images_csv": "t,file,camera\n0,a.png,above\n",
+        "a_png": PNG,
+        "tags_csv": TAGS,
+    }),
     Case("not all of the bag could be read", ("no index",), {}, BAG, half_a_bag),
 ]  # fmt: skip
 

@@ -1,0 +1,175 @@
+"""What was seen in an image, as strokes and words to draw into it, whatever its camera looks at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.config import ExtractConfig
+from frontend.images import read_bgr, undistorted
+from frontend.log import Log
+from frontend.overhead import OverheadCamera
+from frontend.overhead_images import look
+from frontend.plausible import CONTRADICTED
+from graphslam.geometry import Array, points_on_line, transform_points
+from graphslam.measurements import Measurements, Sightings
+
+RING_PX = 7.0
+"""Radius of the circle around a point that was found, pixels."""
+NOSE = 2.2
+"""How far beyond the front tag the arrow of a heading points, times the tags' distance."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A stroke in an image.
+
+    Attributes:
+        points: (k, 2) pixels of the picture, k >= 2; one point is a circle around it.
+        used: whether an estimate rests on it; else it was passed over.
+        text: a few characters beside its first point; may be empty.
+    """
+
+    points: Array
+    used: bool
+    text: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """One image with what was seen in it.
+
+    Attributes:
+        t: s.
+        number: row in the log's images.
+        camera: its name.
+        name: of the image, as messages say it.
+        marks: to draw.
+        note: one line below: how much was seen, or why nothing.
+    """
+
+    t: float
+    number: int
+    camera: str
+    name: str
+    marks: tuple[Mark, ...] = field(default_factory=tuple)
+    note: str = ""
+
+
+def picture_of(log: Log, number: int) -> NDArray[np.uint8] | None:
+    """Returns an image (H, W, 3), BGR, as marks are drawn into it; None where it is unreadable.
+
+    Of a camera that looks at the floor without the distortion of its lens, else as recorded.
+    """
+    assert log.images is not None, "only logs with images have pictures"
+    bgr = read_bgr(log.images.file[number])
+    camera = log.cameras.get(log.images.camera[number])
+    return bgr if bgr is None or camera is None else undistorted(bgr, camera)
+
+
+def shot_of(log: Log, measurements: Measurements, number: int, config: ExtractConfig) -> Shot:
+    """Returns what was seen in an image of a log.
+
+    Args:
+        log: the recording.
+        measurements: what was extracted from it.
+        number: row in the log's images, at a node.
+        config: how it was extracted.
+    """
+    assert log.images is not None, "only logs with images have shots"
+    name, t = log.images.camera[number], float(log.images.t[number])
+    marks, note = _looker(log, name)(log, measurements, number, config)
+    return Shot(t, number, name, log.images.name(number, log.folder), tuple(marks), note)
+
+
+Looker = Callable[[Log, Measurements, int, ExtractConfig], tuple[list[Mark], str]]
+
+
+def _looker(log: Log, camera: str) -> Looker:
+    """Returns what tells the marks of a camera's images."""
+    if camera in log.cameras:
+        return _lines
+    if camera in log.overhead:
+        return _tags
+    return _bearings if camera in log.omni else _nothing
+
+
+def _nothing(
+    log: Log, measurements: Measurements, number: int, config: ExtractConfig
+) -> tuple[list[Mark], str]:
+    return [], "not searched"
+
+
+def _rows(log: Log, measurements: Measurements, kind: str, number: int) -> Iterator[tuple]:  # type: ignore[type-arg]
+    """Yields z and extent of the sightings of a kind that an image shows.
+
+    Those of the image where they name it, else those of its time.
+    """
+    assert log.images is not None
+    table: Sightings | None = measurements.sightings.get(kind)
+    if table is None:
+        return
+    at = measurements.t[table.node] == log.images.t[number]
+    mine = at & ((table.source == number) | (table.source < 0))
+    yield from zip(table.z[mine], table.extent[mine], strict=True)
+
+
+def _lines(
+    log: Log, measurements: Measurements, number: int, config: ExtractConfig
+) -> tuple[list[Mark], str]:
+    assert log.images is not None
+    camera, marks = log.cameras[log.images.camera[number]], []
+    for z, extent in _rows(log, measurements, "line", number):
+        view = camera.visible_stretch(z)[0]
+        low, high = np.fmax(view[0], extent[0]), np.fmin(view[1], extent[1])
+        ends = camera.floor_to_pixel(points_on_line(z, np.array([low, high])))
+        if low < high and np.isfinite(ends).all():
+            marks.append(Mark(ends, True))
+    return marks, f"lines: {len(marks)}"
+
+
+def _tags(
+    log: Log, measurements: Measurements, number: int, config: ExtractConfig
+) -> tuple[list[Mark], str]:
+    assert log.images is not None
+    eye = log.overhead[log.images.camera[number]]
+    fixes = [z for z, _ in _rows(log, measurements, "pose_fix", number)]
+    if log.pose_fixes is not None:  # measured by someone else: show where they put the tags
+        return [mark for pose in fixes for mark in _robot(eye, pose, True)], f"poses: {len(fixes)}"
+    seen = look(log, number, config)
+    if seen is None:
+        return [], "cannot be read"
+    marks = [Mark(point[None], False, "?") for point in seen.beside]
+    if seen.pose is None:
+        return marks, seen.refused
+    marks += _robot(eye, seen.pose, bool(fixes))
+    degrees = np.degrees(seen.pose[2])
+    said = f"x {seen.pose[0]:.3f} m, y {seen.pose[1]:.3f} m, heading {degrees:.1f} deg"
+    return marks, said if fixes else f"{CONTRADICTED}: {said}"
+
+
+def _robot(eye: OverheadCamera, pose: Array, used: bool) -> list[Mark]:
+    """Returns both tags and the direction from one to the other."""
+    on_robot = eye.tags.points()
+    tip = on_robot[0] + NOSE * (on_robot[1] - on_robot[0])
+    pixels = eye.to_pixels(transform_points(pose, np.vstack([on_robot, tip])))
+    if not np.isfinite(pixels).all():
+        return []
+    stroke = Mark(pixels[[0, 2]], used)
+    return [Mark(pixels[:1], used), Mark(pixels[1:2], used), stroke]
+
+
+def _bearings(
+    log: Log, measurements: Measurements, number: int, config: ExtractConfig
+) -> tuple[list[Mark], str]:
+    assert log.images is not None
+    camera = log.omni[log.images.camera[number]]
+    near, far = camera.ring_px or (0.0, 0.5 * min(camera.image_size))
+    marks = [
+        Mark(camera.pixels(np.full(2, z[0]), np.array([near, far])), True)
+        for z, _ in _rows(log, measurements, "bearing", number)
+    ]
+    return marks, f"bearings: {len(marks)}"

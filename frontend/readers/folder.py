@@ -100,8 +100,7 @@ def read_folder(folder: Path) -> Log:
         overhead=overhead,
         ceiling=ceiling,
     )
-    unused = [name for name in elsewhere if name not in (*omni, *overhead, *ceiling)]
-    warnings = (*notes, *_unused(unused), *_doubtful(log))
+    warnings = (*notes, *_doubtful(log))
     log = replace(log, warnings=warnings, digest=_digest(log))
     return replace(with_camera_offset(log, settings.time.camera_offset), offset_s=0.0)
 
@@ -150,12 +149,6 @@ def _robot(path: Path, table: RobotTable | None, has_wheels: bool) -> Differenti
         return table.drive(geometry_needed=has_wheels)
     except BadConfig as refused:
         raise BadLog(f"{path}: [robot] {refused}") from None
-
-
-def _unused(elsewhere: list[str]) -> Iterator[str]:
-    """Yields a warning for each part of the format that this version does not use."""
-    for name in elsewhere:
-        yield f"log.toml: camera {name!r}: present, not used by this version"
 
 
 def _doubtful(log: Log) -> Iterator[str]:

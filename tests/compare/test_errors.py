@@ -295,10 +295,6 @@ WARNINGS = [
         "log_toml": LOG_TOML + "[start]\npose = [0, 0, 0]\n",
         "sightings_csv": SIGHTINGS,
     }, (*RUN, "--from", "0.5")),
-    Case("present, not used", ("'up'",), {
-        "log_toml": LOG_TOML + '[cameras.up]\nlooks_at = "ceiling"\n',
-        "sightings_csv": SIGHTINGS,
-    }),
     Case("odometry.csv: not used", (), {
         "odometry_csv": "t,x,y,theta\n0,0,0,0\n1,0,0,0\n",
         "sightings_csv": SIGHTINGS,

@@ -91,8 +91,8 @@ class Study:
         from compare.what_if_report import write_what_if
 
         with Progress() as progress:
-            name, result, verdict = what_if_log(self.scenario, self.settings, progress)
-        page = write_what_if(result, name, verdict, self.out)
+            name, result, judged = what_if_log(self.scenario, self.settings, progress)
+        page = write_what_if(result, name, judged, self.out)
         print("\n".join(result.sentences()))
         print(page)
         return DONE

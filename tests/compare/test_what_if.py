@@ -18,7 +18,7 @@ from compare.situation import (
     with_sharper_sightings,
 )
 from compare.truth import truth_of
-from compare.what_if import QUANTITIES, what_if
+from compare.what_if import LENGTHS, QUANTITIES, what_if
 from frontend.config import NoiseConfig
 from frontend.extract import extract
 from frontend.simulate import load_scenario, simulate_log
@@ -58,7 +58,21 @@ def test_lines_across_are_foretold_to_fix_the_open_direction() -> None:
     assert 0.0 < found.gain(wheels, "path") < 0.5 + 1e-9
     text = " ".join(found.sentences())
     assert "the position along 90° (floor frame) is not observed" in text
+    assert "Do this first: lay lines (tape will do) that run along 0° of the floor frame" in text
     assert "Last pose: lines every 1 m with normals along 90° would help most" in text
+    assert frames.how == "take 8 frames a second instead of 4"
+    across = np.column_stack([np.cos(found.added[:, 1]), np.sin(found.added[:, 1])])
+    assert len(across) >= 3
+    np.testing.assert_allclose(np.abs(across @ open_now.direction), 1.0, atol=1e-3)
+
+
+def test_where_nothing_matters_nothing_is_asked_for() -> None:
+    sharp = with_better_wheels(with_sharper_sightings(NOW, 1e-3), 1e-3)
+    found = what_if(LOG, sharp.measurements, SMOOTHED, NoiseConfig())
+    assert not any(found.matters(p, q) for p in found.predictions for q in LENGTHS)
+    text = " ".join(found.sentences())
+    assert "Nothing needs to change" in text
+    assert "Do this first" not in text
 
 
 def test_a_log_without_truth_is_judged_at_its_estimate() -> None:
@@ -88,6 +102,9 @@ def test_the_command_writes_a_page_and_refuses_what_is_not_its_own(
     page = (out / "report.html").read_text()
     assert "What to change first" in page
     assert "half the noise of the wheels" in page
+    assert "How to get there" in page
+    assert "reached now by smoother" in page
+    assert (out / "plots" / "plan.svg").is_file()
     with (out / "what-if.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert rows[0]["change"] == "as it is"

@@ -218,7 +218,7 @@ def _bearings(log: Log, chosen: Array, t: Array, rejected: Counter[str]) -> Sigh
     return _table(
         "bearing",
         node,
-        wrap(given.z[rows]),
+        log.bearing_correction.of(given.z[rows]),
         given.cov[rows],
         given.t_received[rows],
         truth=given.truth[rows],

@@ -11,7 +11,7 @@ import numpy as np
 
 from frontend.camera import Camera
 from frontend.columns import freeze, read_only
-from frontend.omni import OmniCamera
+from frontend.omni import BearingCorrection, OmniCamera
 from frontend.overhead import OverheadCamera
 from frontend.recorded import RecordedImage, ScanList
 from graphslam.errors import BadLog
@@ -211,6 +211,7 @@ class Log:
         lamps: lamps already detected, or None.
         landmarks: landmarks of any kind but lines that are known beforehand, or None.
         omni: cameras that see all around, by name.
+        bearing_correction: what is to be added to the directions of ``bearings``.
         overhead: cameras that watch the robot from above, by name.
         ceiling: cameras that look at the ceiling, by name.
     """
@@ -239,6 +240,7 @@ class Log:
     lamps: LampSightings | None = None
     landmarks: LandmarkMap | None = None
     omni: Mapping[str, OmniCamera] = field(default_factory=dict)
+    bearing_correction: BearingCorrection = field(default_factory=BearingCorrection)
     overhead: Mapping[str, OverheadCamera] = field(default_factory=dict)
     ceiling: Mapping[str, Camera] = field(default_factory=dict)
 

@@ -188,6 +188,8 @@ def description(log: Log) -> list[str]:
         lines += ["", *_overhead(name, eye)]
     for name, around in log.omni.items():
         lines += ["", *omni_toml(name, around)]
+    if log.bearing_correction != BearingCorrection():
+        lines += ["", "[bearings]", *correction_toml(log.bearing_correction)]
     if log.start_given:
         pose, sigma = toml(log.start_pose), toml(log.start_sigma)
         lines += ["", "[start]", f"pose = {pose}", f"sigma = {sigma}"]

@@ -22,17 +22,22 @@ Flag = tyro.conf.UseCounterAction[int]
 
 @dataclass(frozen=True, slots=True)
 class Calibrate:
-    """Find the noise that fits a log, the clock of its camera, or the floor in its image.
+    """Find the noise that fits a log, its camera's clock, what its directions are off by, or a
+    camera.
 
     Noise of sightings and wheels (LOG --noise) comes from ground truth where the log has it, else
     from the filter's innovations. A camera comes from points of the floor that you measured
     (--points), from round marks in an image (--dots) or from a chessboard (--chessboard).
 
-    The camera's clock (LOG --time-offset) comes from turns while lines are seen.
+    The camera's clock (LOG --time-offset) comes from turns while lines are seen. What directions of
+    points are off by (LOG --bearings) comes from known poses and landmarks: offset and waves around
+    the robot and, from images, the mirror's centre.
 
     Example: graphslam calibrate my-log --noise --out noise.toml
 
     Example: graphslam calibrate my-log --time-offset --out clock.toml
+
+    Example: graphslam calibrate my-log --bearings --out bearings.toml
 
     Example: graphslam calibrate --points points.csv --image floor.png --picture points.png
     """
@@ -40,11 +45,16 @@ class Calibrate:
     log: Annotated[
         Path | None, tyro.conf.Positional, arg(metavar="[LOG]", help_behavior_hint="")
     ] = None
-    """Log folder or bag, for --noise and --time-offset."""
+    """Log folder or bag, for --noise, --time-offset and --bearings."""
     noise: Annotated[Flag, arg(help_behavior_hint="")] = 0
     """Find the noise of sightings and wheels."""
     time_offset: Annotated[Flag, arg(help_behavior_hint="")] = 0
     """Find the constant offset between the clocks of camera and wheels, with its sigma."""
+    bearings: Annotated[Flag, arg(help_behavior_hint="")] = 0
+    """Find what bearings.csv, or the images of an omnidirectional camera, are off by."""
+    harmonics: int = 2
+    """How many waves around the robot --bearings finds, 0 to 4; from images the mirror's centre
+    stands for the first."""
     robot: File = None
     """Robot file of a bag (docs/bags.md), for --noise and --time-offset."""
     points: File = None
@@ -88,6 +98,7 @@ class Calibrate:
         ways = {
             "--noise": bool(self.noise),
             "--time-offset": bool(self.time_offset),
+            "--bearings": bool(self.bearings),
             "--points": self.points is not None,
             "--dots": self.dots is not None,
             "--chessboard": self.chessboard is not None,
@@ -96,14 +107,16 @@ class Calibrate:
         if len(given) != 1:
             found = " and ".join(given) or "none of them"
             return _wrong(f"calibrate needs one of {', '.join(ways)}: what to find; found {found}")
-        of_log = bool(self.noise or self.time_offset)
+        of_log = bool(self.noise or self.time_offset or self.bearings)
         if (self.log is None) == of_log:
-            return _wrong("LOG goes with --noise or --time-offset, and these with LOG")
+            return _wrong("LOG goes with --noise, --time-offset or --bearings, and these with LOG")
         for file in (self.out, self.picture):
             if file is not None and file.is_dir():
                 raise BadConfig(f"{file}: is a folder; give a file to --out and --picture")
         if self.time_offset:
             return self._time_offset()
+        if self.bearings:
+            return self._bearings()
         return self._noise() if self.noise else self._camera()
 
     def _noise(self) -> int:
@@ -135,6 +148,22 @@ class Calibrate:
         print_offset(found, log)
         if self.out is not None:
             _write(self.out, offset_toml(found, config, log.name).encode())
+        return DONE
+
+    def _bearings(self) -> int:
+        from compare.bearing_calibration import bearing_toml, print_bearings
+        from compare.console import Progress
+        from compare.run import open_as
+        from frontend.calibrate_bearings import calibrate_bearings
+
+        assert self.log is not None, "checked before"
+        config = self._config()
+        with Progress() as progress:
+            log = open_as(self.log, config, progress)
+            found = calibrate_bearings(log, config.extract, self.harmonics)
+        print_bearings(found, log, config.extract.omni)
+        if self.out is not None:
+            _write(self.out, bearing_toml(found, log.name).encode())
         return DONE
 
     def _config(self) -> RunConfig:

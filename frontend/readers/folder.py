@@ -91,12 +91,12 @@ def read_folder(folder: Path) -> Log:
         digest="",
         scans=_optional(folder / "scans.npz", read_scans),
         bearings=_optional(
-            folder / "bearings.csv",
-            lambda path: points.read_bearings(path, others, settings.bearings),
+            folder / "bearings.csv", lambda path: points.read_bearings(path, others)
         ),
         lamps=_optional(folder / "lamps.csv", lambda path: points.read_lamps(path, others)),
         landmarks=others,
         omni=omni,
+        bearing_correction=settings.bearings,
         overhead=overhead,
         ceiling=ceiling,
     )

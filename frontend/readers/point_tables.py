@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from frontend.log import BearingSightings, LampSightings
-from frontend.omni import BearingCorrection
 from frontend.readers.folder_tables import check_radians, covariances, received
 from frontend.strict import nearest
 from frontend.table import Table, read_table
@@ -25,15 +24,12 @@ POINT_COV = ("cov_xx", "cov_xy", "cov_yy")
 LAMP_COV = ("cov_xx", "cov_xy", "cov_xp", "cov_yy", "cov_yp", "cov_pp")
 
 
-def read_bearings(
-    path: Path, known: LandmarkMap | None, correction: BearingCorrection
-) -> BearingSightings:
+def read_bearings(path: Path, known: LandmarkMap | None) -> BearingSightings:
     """Returns ``bearings.csv``.
 
     Args:
         path: the table.
         known: the log's landmarks, which the column ``landmark`` names, or None.
-        correction: what is added to the directions as they stand in the table.
     """
     table = read_table(
         path,
@@ -51,7 +47,7 @@ def read_bearings(
     _check_named(table, truth, known, BEARING.kind)
     return BearingSightings(
         t=table.numbers["t"],
-        z=correction.of(table.stack("bearing")),
+        z=table.stack("bearing"),
         cov=np.square(table.numbers["sigma"])[:, None, None],
         label=label,
         truth=truth,

@@ -21,6 +21,7 @@ from tyro.constructors import (
 )
 
 from compare.commands.batch import Batch
+from compare.commands.beacons import Beacons
 from compare.commands.calibrate import Calibrate
 from compare.commands.common import DONE, FAILED, INTERRUPTED, complain
 from compare.commands.compare import Compare
@@ -118,6 +119,7 @@ def parse(arguments: Sequence[str]) -> Command:
         | Annotated[Study, subcommand("study", default=study)]
         | Annotated[Inspect, subcommand("inspect")]
         | Annotated[Calibrate, subcommand("calibrate")]
+        | Annotated[Beacons, subcommand("beacons")]
         | Annotated[Compare, subcommand("compare")]
         | Annotated[Merge, subcommand("merge")]
         | Annotated[Papers, subcommand("papers")]

@@ -105,7 +105,7 @@ def test_what_the_page_on_calibration_tells_to_run_runs(
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        ([], 2, "needs one of --noise, --time-offset, --points, --dots, --chessboard"),
+        ([], 2, "needs one of --noise, --time-offset, --bearings, --points, --dots, --chessboard"),
         (["--noise"], 2, "LOG goes with --noise"),
         (["log", *POINTS], 2, "LOG goes with --noise"),
         ([*POINTS, *DOTS], 2, "found --points and --dots"),

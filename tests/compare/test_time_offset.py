@@ -82,4 +82,4 @@ def test_a_log_that_shows_no_lines_says_that_nothing_tells_the_clock(tmp_path: P
 
 def test_usage_is_told(capsys: pytest.CaptureFixture[str]):
     assert main(["calibrate", "--time-offset"]) == 2
-    assert "LOG goes with --noise or --time-offset" in capsys.readouterr().err
+    assert "LOG goes with --noise, --time-offset or --bearings" in capsys.readouterr().err

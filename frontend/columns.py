@@ -8,6 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graphslam.errors import BadLog
+from graphslam.geometry import Array
+
+NANOSECONDS = 9  # decimals of a time that count
+
+
+def later(t: Array, delay_s: Array | float) -> Array:
+    """Returns times (K,), s, that lie ``delay_s`` later, to the nanosecond.
+
+    What takes a period of the camera is known at its next image, not a rounding error after that.
+    """
+    return np.asarray(np.round(t + delay_s, NANOSECONDS), float)
 
 
 def freeze(instance: Any, **shapes: tuple[int, ...]) -> None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from frontend.columns import later
 from frontend.config import ExtractConfig, NoiseConfig
 from frontend.log import Log, with_camera_offset
 from frontend.nodes import (
@@ -295,19 +296,21 @@ def _seen_lamps(
         node,
         found.z,
         found.cov + motion_covariance(found.z, speed, config.lamps.timing_s),
-        times + _delays(log, source),
+        _received(log, source),
         quality=found.visible,
         source=source,
         truth=true_lamps(log, times, found.z),
     )
 
 
-def _delays(log: Log, source: IntArray) -> Array:
-    """Returns how long after each of the images ``source`` (K,) what it shows is known, s."""
+def _received(log: Log, source: IntArray) -> Array:
+    """Returns when what each of the images ``source`` (K,) shows is known, s."""
     assert log.images is not None, "sightings come from images"
     cameras = {**log.cameras, **log.ceiling}
     names = [log.images.camera[number] for number in source.tolist()]
-    return np.array([cameras[name].delay_s for name in names], float)
+    delay = np.array([cameras[name].delay_s for name in names], float)
+    t = log.images.t[source]
+    return np.where(delay > 0, later(t, delay), t)
 
 
 def _seen_lines(
@@ -329,7 +332,7 @@ def _seen_lines(
         np.searchsorted(nodes.t, times),
         lines.z,
         lines.cov,
-        times + _delays(log, source),
+        _received(log, source),
         extent=lines.extent,
         quality=lines.quality,
         source=source,

@@ -46,7 +46,9 @@ POSSIBLE = 1e-3
 """Starts below this probability are not possible any more."""
 SAME_M, SAME_RAD = 0.3, math.radians(15.0)
 ORIGIN_SIGMA = 1e-6
-ITERATIONS = 8
+ITERATIONS, CONVERGED = 8, 1e-4
+HOPELESS = 30.0
+"""Ways to fit whose log-probability is this much below another's are not looked at further."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,15 +178,18 @@ class _Scene:
             times = sight.frames(local.t)
             self.frames = interpolate_poses(times, local.t, local.pose)
         self.dark = np.array([tag.dark for tag in tags])
+        self.best = -np.inf
 
     def fit(self, motion: Array) -> _Fit | None:
-        """Returns the best fit near a motion; None where nothing fits."""
+        """Returns the best fit near a motion; None where nothing fits, or others fit far better."""
         rows = self._assigned(motion)
-        while (rows >= 0).any():
+        while EXTRA * np.count_nonzero(rows < 0) > self.best - HOPELESS and (rows >= 0).any():
             motion, off, cost = self._solve(motion, rows)
             freedom = 3 * np.count_nonzero(rows >= 0) - 3
             if not freedom or cost <= chi2.ppf(0.999, freedom):
-                return self._scored(motion, rows, cost)
+                fit = self._scored(motion, rows, cost)
+                self.best = max(self.best, fit.score)
+                return fit
             rows = rows.copy()
             rows[np.argmax(np.where(rows >= 0, off, -1.0))] = -1
         return None
@@ -224,6 +229,8 @@ class _Scene:
             weighted = np.linalg.solve(S, np.column_stack([J, e.ravel()]))
             step = np.linalg.solve(J.T @ weighted[:, :3], J.T @ weighted[:, 3])
             motion = motion - step
+            if np.abs(step).max() < CONVERGED:
+                break
         residual = e.ravel() - J @ step
         cost = float(residual @ np.linalg.solve(S, residual))
         off = np.full(len(rows), -1.0)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from frontend.camera import Camera
+from frontend.columns import later
 from frontend.lamps import motion_covariance, pixel_areas
 from frontend.log import LampSightings
 from frontend.simulate.ceiling import Ceiling, UpwardCamera
@@ -69,7 +70,7 @@ def draw_lamp_sightings(
     z = z + (np.linalg.cholesky(cov) @ unit)[..., 0]
     z[:, 2] = 0.5 * wrap(2.0 * z[:, 2])
     kept = missed.random(len(z)) >= spec.miss_rate
-    received = t + ceiling.camera.delay
+    received = later(t, ceiling.camera.delay)
     return LampSightings(t[kept], z[kept], cov[kept], truth[kept], received[kept])
 
 

@@ -18,6 +18,7 @@ from compare.results import (
     write_bearings,
     write_estimate,
     write_json,
+    write_lamps,
     write_sightings,
 )
 from compare.truth import Truth
@@ -124,6 +125,9 @@ class Record:
         bearings = self.measurements.sightings.get("bearing")
         if bearings is not None:
             write_bearings(folder / "bearings.csv", self.measurements, bearings)
+        lamps = self.measurements.sightings.get("lamp")
+        if lamps is not None:
+            write_lamps(folder / "lamps.csv", self.measurements, lamps)
         for name, estimate in self.estimates.items():
             write_estimate(folder / name, self.measurements, estimate, self.truth.landmark)
         if self.estimates:

@@ -164,6 +164,14 @@ def write_bearings(path: Path, measurements: Measurements, table: Sightings) -> 
     write_csv(path, columns | {"t_received": table.t_received})
 
 
+def write_lamps(path: Path, measurements: Measurements, table: Sightings) -> None:
+    """Writes lamps as a log folder's ``lamps.csv``: what the detector saw."""
+    place = dict(zip(("x", "y", "phi"), table.z.T, strict=True))
+    cov = {f"cov_{'xyp'[a]}{'xyp'[b]}": table.cov[:, a, b] for a, b in UPPER}
+    columns = {"t": measurements.t[table.node], **place, **cov, "landmark": table.truth}
+    write_csv(path, columns | {"t_received": table.t_received})
+
+
 def _write_matches(
     path: Path, measurements: Measurements, estimate: Estimate, true_landmark: AnyArray
 ) -> None:

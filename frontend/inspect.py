@@ -280,10 +280,11 @@ def _sources(log: Log) -> Iterator[Source]:
 def _needs(log: Log) -> Iterator[Need]:
     """Yields what is missing for each purpose."""
     images = log.images is not None and len(log.floor_images()) > 0
+    others = len(log.omni_images()) + len(log.overhead_images()) + len(log.ceiling_images()) > 0
     given = log.sightings is not None and len(log.sightings.t) > 0
     fixes = log.pose_fixes is not None and len(log.pose_fixes.t) > 0
     points = any(part is not None and len(part.t) > 0 for part in (log.bearings, log.lamps))
-    sensor = given or fixes or points or (images and log.sightings is None)
+    sensor = given or fixes or points or others or (images and log.sightings is None)
     lines = () if sensor else ("images.csv with a [camera], sightings.csv or tags.csv",)
     path = () if log.truth is not None else ("groundtruth.tum",)
     lines_true = () if log.map is not None else ("map.csv",)

@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 
 from frontend.camera import Camera
-from frontend.overlay import COLOURS, MARGIN_PX, Picture
+from frontend.overlay import COLOURS, MARGIN_PX, Picture, caption
 from graphslam.geometry import Array
 
 AXIS, CENTRE = COLOURS[0], COLOURS[1]
+HEIGHT = 480  # pixels of a frame's picture
+AXIS_M = 0.5
+"""Length that axes are drawn with where the lamps' is not known, m."""
+
+
+def lamp_picture(grey: Picture, camera: Camera, z: Array, text: str) -> Picture:
+    """Returns a picture (H, W, 3), BGR, of a frame with centre and axis of its lamps (K, 3)."""
+    scale = HEIGHT / grey.shape[0]
+    picture: Any = cv2.cvtColor(cv2.resize(grey, None, fx=scale, fy=scale), cv2.COLOR_GRAY2BGR)
+    draw_lamps(picture, camera, z, np.full((len(z), 2), AXIS_M), scale)
+    return caption(picture, text)
 
 
 def draw_lamps(picture: Picture, camera: Camera, z: Array, size: Array, scale: float) -> None:

@@ -30,13 +30,15 @@ def check_overlays(log: Log, out: Path) -> None:
         log: to draw lines on.
         out: folder to write to; it may be absent.
     """
-    if log.sightings is not None:
+    if log.sightings is not None and not len(log.ceiling_images()):
         raise BadConfig(
             f"{log.name}: its lines are those of sightings.csv, not of its images, so there is "
             "nothing to draw; leave --overlay out, or sightings.csv"
         )
-    if not len(log.floor_images()):
-        raise BadConfig(f"{log.name}: has no floor images to draw lines on; leave --overlay out")
+    if not len(log.floor_images()) + len(log.ceiling_images()):
+        raise BadConfig(
+            f"{log.name}: has no images of floor or ceiling to draw on; leave --overlay out"
+        )
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise BadConfig(f"{out}: is not an empty folder; choose another for the pictures")
 
@@ -50,7 +52,8 @@ def write_overlays(
     """Writes a picture ``<number>.jpg`` of each image that was searched; returns how many.
 
     On the left the frame, without lens distortion, with its lines along the stretches where they
-    were seen. On the right the floor in view from above, x up and y to the left, robot frame.
+    were seen. On the right the floor in view from above, x up and y to the left, robot frame. Of
+    the ceiling the frame as it was recorded, with centre and axis of its lamps.
 
     Args:
         log: with images.
@@ -64,21 +67,36 @@ def write_overlays(
     check_overlays(log, out)
     assert log.images is not None, "checked above"
     out.mkdir(parents=True, exist_ok=True)
-    table = measurements.sightings["line"]
-    numbers = log.floor_images()
+    floor = log.floor_images() if log.sightings is None else np.zeros(0, np.int64)
+    numbers = np.union1d(floor, log.ceiling_images())
     numbers = numbers[np.isin(log.images.t[numbers], measurements.t)]
     for done, number in enumerate(numbers.tolist(), start=1):
-        rows = table.source == number
-        camera = log.cameras[log.images.camera[number]]
         image, t = log.images.file[number], float(log.images.t[number])
         grey = read_grey(image)
         if grey is not None:
-            text = f"t = {t:.2f} s   {Path(image.name).name}   lines: {np.count_nonzero(rows)}"
-            picture = frame_picture(grey, camera, table.z[rows], table.extent[rows], text)
+            text = f"t = {t:.2f} s   {Path(image.name).name}"
+            picture = _picture(log, measurements, number, grey, text)
             write_picture(out / f"{number:06d}.jpg", picture)
         if progress is not None:
             progress(done, len(numbers))
     return len(numbers)
+
+
+def _picture(
+    log: Log, measurements: Measurements, number: int, grey: Picture, text: str
+) -> Picture:
+    """Returns the picture of one image of floor or ceiling."""
+    assert log.images is not None, "it is one of them"
+    name = log.images.camera[number]
+    table = measurements.sightings["lamp" if name in log.ceiling else "line"]
+    rows = table.source == number
+    if name in log.ceiling:
+        from frontend.lamp_pictures import lamp_picture
+
+        camera, text = log.ceiling[name], text + f"   lamps: {np.count_nonzero(rows)}"
+        return lamp_picture(grey, camera, table.z[rows], text)
+    text += f"   lines: {np.count_nonzero(rows)}"
+    return frame_picture(grey, log.cameras[name], table.z[rows], table.extent[rows], text)
 
 
 def frame_picture(grey: Picture, camera: Camera, z: Array, extent: Array, text: str) -> Picture:

@@ -32,9 +32,9 @@ def test_late_lamps_count_as_if_in_time_and_unheeded_delays_cost(speed: float) -
 
 def test_the_covariance_falls_at_lamps_and_never_in_the_dark(tmp_path: Path) -> None:
     assert SCENARIO.ceiling is not None
-    camera = replace(SCENARIO.ceiling.camera, rate=5.0)
+    camera = replace(SCENARIO.ceiling.camera, rate=4.0)
     first = replace(
-        SCENARIO, path=(Motion(forward=5.4),), ceiling=replace(SCENARIO.ceiling, camera=camera)
+        SCENARIO, path=(Motion(forward=4.8),), ceiling=replace(SCENARIO.ceiling, camera=camera)
     )
     along = covariance_along(open_log(simulate(first, tmp_path / "log", seed=1)))
     falls = along.falls()
@@ -55,8 +55,8 @@ def test_unknown_lamps_are_mapped_once_each_with_honest_covariances() -> None:
 
 def test_starts_are_right_or_left_open() -> None:
     floor = building()
-    cases = [case for seed in range(6) if (case := run_case(floor, seed)) is not None]
-    assert len(cases) >= 5
+    cases = [case for seed in range(4) if (case := run_case(floor, seed)) is not None]
+    assert len(cases) >= 3
     assert all(case.right for case in cases)
     assert any(case.answer.decided for case in cases)
     assert all(case.answer.decided for case in cases if case.allowed)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -129,3 +130,13 @@ def test_a_simulated_log_reads_as_it_was_written(tmp_path: Path) -> None:
 def test_a_scenario_looks_at_floor_or_ceiling_not_both() -> None:
     with pytest.raises(BadConfig, match="floor or at the ceiling"):
         replace(load_scenario("grid"), ceiling=FULL.ceiling)
+
+
+def test_overlays_show_each_image_of_the_ceiling(rendered: Log, tmp_path: Path) -> None:
+    from frontend.overlay_frames import write_overlays
+
+    measurements = extract(rendered, SIZED)
+    assert write_overlays(rendered, measurements, tmp_path / "pictures") == len(measurements.t)
+    number = int(measurements.sightings["lamp"].source[0])
+    shown = cv2.imread(str(tmp_path / "pictures" / f"{number:06d}.jpg"))
+    assert np.any(shown[..., 2].astype(int) - shown[..., 0] > 100)  # an axis, in colour

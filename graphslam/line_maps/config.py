@@ -28,6 +28,8 @@ class AlignmentConfig:
     """How many motions that got most votes are tried in full."""
     most: int = 60
     """Largest number of alignments that are returned."""
+    least: int = 1
+    """Fewest lines that must agree for a motion to be followed."""
     equal_consistency: float = 0.9
     """An alignment fits as well as the best when the share of what both maps should have, and
     have in agreement, is at least this part of the best one's,"""
@@ -43,7 +45,7 @@ class AlignmentConfig:
             raise BadConfig(f"alignment.far_m = {self.far_m}: must be at least offset_m")
         if not 0 < self.angle_deg <= 20:
             raise BadConfig(f"alignment.angle_deg = {self.angle_deg}: must be above 0, at most 20")
-        for name in ("hypotheses", "most"):
+        for name in ("hypotheses", "most", "least"):
             if getattr(self, name) < 1:
                 raise BadConfig(f"alignment.{name} = {getattr(self, name)}: must be 1 or more")
         for name in ("equal_consistency", "equal_score"):

@@ -72,7 +72,7 @@ def settle(
 ) -> tuple[Array, Agreement] | None:
     """Returns where a motion comes to rest and what agrees there.
 
-    None where nothing does, or where less than ``hopeless`` metres do half way.
+    None where too few lines do, or where less than ``hopeless`` metres do half way.
     """
     before: IntArray | None = None
     for widened in WIDENED:
@@ -80,7 +80,7 @@ def settle(
         good = quality(pairs, widened)
         good *= long_enough(pairs, both.side_a, both.side_b, both.config)
         taken = one_to_one(pairs, length := good * pairs.overlap)
-        if not len(taken) or length[taken].sum() < hopeless:
+        if len(taken) < both.config.least or length[taken].sum() < hopeless:
             return None
         motion = _step(motion, pairs.take(taken), good[taken], both)
         now = np.column_stack([pairs.i, pairs.j])[taken]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
-from graphslam.rematch.rematch import Rematched, objective, rematch, settle
+from graphslam.rematch.objective import objective
+from graphslam.rematch.rematch import Rematched, rematch, settle
 
 __all__ = ["Rematched", "objective", "rematch", "settle"]

@@ -22,14 +22,14 @@ from graphslam.rematch.fitted import Fitted
 from graphslam.rematch.spread import Spread
 from graphslam.rematch.submaps import Submap
 
-ALIGNING = AlignmentConfig(hypotheses=12, most=4)
-"""Fewer motions are tried than for whole maps: odometry says roughly where to look."""
 NEIGHBOURS, MOST = 96, 32
 """A submap is compared with the nearest `MOST` of its nearest `NEIGHBOURS`; see `candidates`."""
 JOINED = 3
 """Submaps that share so many landmarks are on each other already."""
 COMMON = 2
 """Landmarks that two pairs of submaps must match alike to agree."""
+ALIGNING = AlignmentConfig(hypotheses=6, most=4, least=COMMON + 1)
+"""Fewer motions are tried than for whole maps: odometry says roughly where to look."""
 CLEARLY = 2.0
 """How many times the score of any rival a closure must have."""
 DIM = 3
@@ -109,7 +109,7 @@ def _closings(
         earlier, later = maps[a], maps[b]
         near = None if slips else Near(*spread.relative(earlier.first, later.first), gate)
         for alignment in find_alignments(earlier.lines, later.lines, ALIGNING, near):
-            if not alignment.fixed or len(alignment.matches) <= COMMON:
+            if not alignment.fixed or len(alignment.matches) < ALIGNING.least:
                 continue
             if slips or spread.distance(earlier.first, later.first, alignment) <= gate:
                 pairs = zip(

@@ -12,6 +12,26 @@ from graphslam.geometry import Array
 from graphslam.models import Model
 from graphslam.rematch.fitted import Fitted
 
+DENSITY = 1.0
+"""Landmarks expected for each unit of a residual's space (a line: m times rad) before any is seen.
+It is a unit more than a figure: a tenth or ten times as many change a squared distance by 5."""
+
+
+def most_surprise(S: Array) -> Array:
+    """Returns the squared distances (...) beyond which chance explains a near miss better.
+
+    The odds that two things are one, against two of which the second fell there by chance, are
+    those of a difference under the covariance against `DENSITY`.
+
+    Args:
+        S: (..., d, d) covariances of differences.
+
+    Source: the ratio of two likelihoods; as any textbook has it.
+    """
+    d = S.shape[-1]
+    det = np.maximum(np.linalg.det(S), 1e-300)
+    return np.asarray(-2.0 * math.log(DENSITY) - d * math.log(2.0 * math.pi) - np.log(det))
+
 
 def by_chance(fitted: Fitted, model: Model, S: Array, config: RematchConfig) -> Array:
     """Returns how many landmarks (...) would lie within a gate by chance.

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from graphslam.association import gate_for, mahalanobis
+from graphslam.association import gate_for, mahalanobis, same_label
 from graphslam.config import RematchConfig
 from graphslam.geometry import Array
 from graphslam.measurements import IntArray, Sightings
 from graphslam.models import MODELS, Model
-from graphslam.rematch.crowd import by_chance
+from graphslam.rematch.crowd import by_chance, most_surprise
 from graphslam.rematch.fitted import UNMATCHED, Fitted, of_landmark_kinds
 
 CHUNK = 200_000
@@ -22,6 +22,8 @@ KEEP = 9.0
 """How much better, in squared Mahalanobis distance, another landmark must be than the present."""
 CROWDED = 1.0
 """Landmarks within the gate by chance beyond which nearness is no reason to match."""
+APART = 0.5
+"""Part of `RematchConfig.gap_m` from which on a gap along a landmark lets another one begin."""
 LEVERAGE_FLOOR = 1e-9
 """Part of a sighting's noise that is left where the sighting alone made its landmark."""
 
@@ -35,15 +37,15 @@ class Pairs:
         landmark: (P,) row of the map.
         distance: (P,) squared Mahalanobis distance of the sighting from where the landmark would
             be without it, with the price of a gap between the stretches.
-        gate: largest distance of a match.
-        gate_new: largest distance at which a sighting cannot be of a new landmark.
+        fits: (P,) whether the distance is that of a match.
+        beside: (P,) whether it is too short for the sighting to be of a new landmark.
     """
 
     sighting: IntArray
     landmark: IntArray
     distance: Array
-    gate: float
-    gate_new: float
+    fits: NDArray[np.bool_]
+    beside: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +54,8 @@ class Decision:
 
     Attributes:
         match: (K,) its landmark, -1 where none is near enough or another sighting took it.
-        alone: (K,) whether it lies beyond the wide gate of every landmark of its kind.
+        alone: (K,) whether it lies beyond the wide gate of every landmark of its kind, or far along
+            it from what was seen of it.
     """
 
     match: IntArray
@@ -70,14 +73,14 @@ def decide(fitted: Fitted, config: RematchConfig) -> Decision:
     taken: set[tuple[int, int]] = set()
     for pairs in pairs_by_kind(fitted, config):
         rank = pairs.distance - np.where(present[pairs.sighting] == pairs.landmark, KEEP, 0.0)
-        near = np.flatnonzero(pairs.distance <= pairs.gate)
+        near = np.flatnonzero(pairs.fits)
         for p in near[np.argsort(rank[near], kind="stable")].tolist():
             sighting, landmark = int(pairs.sighting[p]), int(pairs.landmark[p])
             place = (int(fitted.node[sighting]), landmark)
             if match[sighting] == UNMATCHED and place not in taken:
                 match[sighting] = landmark
                 taken.add(place)
-        alone[pairs.sighting[pairs.distance <= pairs.gate_new]] = False
+        alone[pairs.sighting[pairs.beside | pairs.fits]] = False
     return Decision(match, alone)
 
 
@@ -108,17 +111,20 @@ def _pairs(
     own = (problem.match[first + row] == landmark) & (problem.weight[first + row] > 0.5)
     R = table.cov[row]
     S = np.where(own[:, None, None], (1.0 + LEVERAGE_FLOOR) * R - HPHt, R + HPHt)
-    distance = mahalanobis(e, _definite(S, R))
-    distance += gap_price(_gaps(fitted, model, table, row, landmark), config)
+    S = _definite(S, R)
+    gap = _gaps(fitted, model, table, row, landmark)
+    distance = mahalanobis(e, S) + gap_price(gap, config)
     distance[~own & (by_chance(fitted, model, S, config) > CROWDED)] = np.inf
-    gates = [gate_for(gate, model.dim_z) for gate in (config.gate, config.gate_new)]
-    return Pairs(first + row, landmark, distance, *gates)
+    gate, gate_new = (gate_for(gate, model.dim_z) for gate in (config.gate, config.gate_new))
+    most = np.where(own, gate, np.minimum(gate, most_surprise(S)))
+    beside = (distance <= gate_new) & (gap <= APART * config.gap_m)
+    return Pairs(first + row, landmark, distance, distance <= most, beside)
 
 
 def _within_reach(
     fitted: Fitted, model: Model, table: Sightings, landmarks: IntArray, config: RematchConfig
 ) -> tuple[IntArray, IntArray]:
-    """Returns rows of the table and landmarks that could lie within the wide gate.
+    """Returns rows of the table and landmarks that could lie within the wide gate, labels alike.
 
     The covariance of a sum is at most twice the sum of the covariances: this bound needs no
     correlations, which are dear, and loses no pair.
@@ -135,7 +141,8 @@ def _within_reach(
         e, J_p, J_l = model.residual(problem.pose[node][:, None], params, table.z[part][:, None])
         S = J_p @ fitted.cov_pose[node][:, None] @ np.swapaxes(J_p, -1, -2)
         S = 2.0 * (S + J_l @ own @ np.swapaxes(J_l, -1, -2)) + table.cov[part][:, None]
-        i, j = np.nonzero(mahalanobis(e, S) <= gate)
+        alike = same_label(table.label[part], fitted.label[landmarks])
+        i, j = np.nonzero((mahalanobis(e, S) <= gate) & alike)
         rows.append(begin + i)
         columns.append(landmarks[j])
     return np.concatenate(rows), np.concatenate(columns)

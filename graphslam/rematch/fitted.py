@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graphslam.geometry import Array
-from graphslam.landmarks import stretches_seen
+from graphslam.landmarks import labels_seen, stretches_seen, used_sightings
 from graphslam.measurements import IntArray, Sightings
 from graphslam.models import MODELS
 from graphslam.smoother.problem import Minimum, Problem
@@ -29,6 +29,7 @@ class Fitted:
         offsets: (M + 1,) where each landmark's parameters begin in ``cov_joint``.
         extent: (M, 2) stretch of each landmark that was seen, m; NaN where unknown.
         node: (K,) node of each sighting over all tables in order.
+        label: (M,) what sensors tell each landmark apart by; -1 for none.
     """
 
     problem: Problem
@@ -38,6 +39,7 @@ class Fitted:
     offsets: IntArray
     extent: Array
     node: IntArray
+    label: IntArray
 
     @staticmethod
     def of(problem: Problem, minimum: Minimum) -> Fitted:
@@ -56,6 +58,7 @@ class Fitted:
             (3 + np.cumsum([0, *problem.dims()])).astype(np.int64),
             stretches_seen(problem.measurements, problem.pose, problem.params, problem.match),
             nodes_of(problem),
+            labels_seen(problem.measurements, problem.match, len(problem.kinds)),
         )
 
     def landmark_cov(self, rows: IntArray, others: IntArray, dim: int) -> Array:
@@ -109,6 +112,18 @@ def stretch_on(problem: Problem, sightings: IntArray, landmark: int) -> Array:
     if not np.isfinite(seen).any():
         return np.full(2, np.nan)
     return np.array([np.nanmin(seen[:, 0]), np.nanmax(seen[:, 1])])
+
+
+def stretches_by_sighting(problem: Problem) -> Array:
+    """Returns the stretch (K, 2) that each sighting saw of its landmark, m; NaN where unknown."""
+    seen = np.full((len(problem.match), 2), np.nan)
+    for used in used_sightings(problem.measurements, problem.match, problem.params):
+        if used.model.dim_landmark:
+            table, rows = used.table, used.rows
+            seen[used.index] = used.model.extent_on_landmark(
+                problem.pose[table.node[rows]], used.params, table.z[rows], table.extent[rows]
+            )
+    return seen
 
 
 def renumbered(problem: Problem, match: IntArray) -> Problem:

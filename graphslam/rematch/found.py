@@ -25,9 +25,9 @@ def travelled(pose: Array) -> Array:
 def start_landmarks(problem: Problem, alone: IntArray, config: RematchConfig) -> Problem:
     """Returns the problem with landmarks started from groups of unmatched sightings.
 
-    Sightings make a group while they follow each other within ``config.window_m`` of the way and
-    lie within the wide gate of the landmark that the first of them would start; groups of fewer
-    than ``config.min_sightings`` start nothing.
+    Sightings make a group while they follow each other within ``config.window_m`` of the way, have
+    one label and lie within the wide gate of the landmark that the first of them would start;
+    groups of fewer than ``config.min_sightings`` start nothing.
 
     Args:
         problem: path, map and matches.
@@ -49,7 +49,9 @@ def start_landmarks(problem: Problem, alone: IntArray, config: RematchConfig) ->
                 continue
             landmark, _, J_z = started
             cov = J_z @ table.cov[seed] @ J_z.T
-            near = _near(problem, model, table, np.array(left, np.int64), landmark, cov, config)
+            alike = np.array(left, np.int64)
+            alike = alike[table.label[alike] == table.label[seed]]
+            near = _near(problem, model, table, alike, landmark, cov, config)
             group = _follow(table, way, seed, near, config.window_m)
             if len(group) >= config.min_sightings:
                 match[first + np.array(group)] = len(kinds)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from graphslam.association import gate_for, mahalanobis
+from graphslam.association import gate_for, mahalanobis, same_label
 from graphslam.config import RematchConfig
 from graphslam.geometry import Array
 from graphslam.measurements import IntArray
 from graphslam.models import MODELS
-from graphslam.rematch.crowd import by_chance
+from graphslam.rematch.crowd import by_chance, most_surprise
 from graphslam.rematch.decide import gap_price
 from graphslam.rematch.fitted import Fitted, stretch_on
 
@@ -35,24 +35,29 @@ def merges(fitted: Fitted, config: RematchConfig) -> IntArray:
     for kind in sorted(set(fitted.problem.kinds)):
         landmarks = fitted.of_kind(kind)
         if len(landmarks) > 1:
-            distance = difference(fitted, kind, landmarks, config)
-            gate = gate_for(TWO * config.gate, MODELS[kind].dim_landmark)
+            distance, most = difference(fitted, kind, landmarks, config)
+            gate = np.minimum(gate_for(TWO * config.gate, MODELS[kind].dim_landmark), most)
             gate_new = gate_for(config.gate_new, MODELS[kind].dim_landmark)
             found.append(landmarks[_mutual(distance, gate, gate_new)])
     return np.concatenate(found)
 
 
-def difference(fitted: Fitted, kind: str, landmarks: IntArray, config: RematchConfig) -> Array:
-    """Returns squared Mahalanobis distances (m, m) between landmarks of one kind.
+def difference(
+    fitted: Fitted, kind: str, landmarks: IntArray, config: RematchConfig
+) -> tuple[Array, Array]:
+    """Returns squared Mahalanobis distances (m, m) between landmarks of one kind, and their bounds.
+
+    Beyond the bounds (m, m) chance explains better that two landmarks lie so near to each other.
 
     Each is taken in the frame of the place where the first was seen, which keeps lever arms short.
-    Pairs that are certainly two, because one node saw both or both are known, are infinitely far.
+    Pairs that are certainly two, because one node saw both, both are known or their labels differ,
+    are infinitely far.
     """
     model, problem = MODELS[kind], fitted.problem
     dim, count = model.dim_landmark, len(landmarks)
     params = problem.params[landmarks, :dim]
     places = _places(fitted, landmarks)
-    distance = np.full((count, count), np.inf)
+    distance, most = np.full((2, count, count), np.inf)
     everyone = np.arange(count)
     for a in range(count):
         b = everyone[everyone != a]
@@ -65,16 +70,19 @@ def difference(fitted: Fitted, kind: str, landmarks: IntArray, config: RematchCo
         cross = _sandwich(J_a, fitted.landmark_cov(own, landmarks[b], dim), J_b)
         S -= cross + np.swapaxes(cross, -1, -2)
         scale = np.trace(S, axis1=-2, axis2=-1)[:, None, None]
-        distance[a, b] = mahalanobis(e, S + 1e-12 * scale * np.eye(S.shape[-1]))
+        S = S + 1e-12 * scale * np.eye(S.shape[-1])
+        distance[a, b], most[a, b] = mahalanobis(e, S), most_surprise(S)
         distance[a, b[by_chance(fitted, model, S, config) > CROWDED]] = np.inf
     distance[_seen_together(fitted, landmarks)] = np.inf
+    label = fitted.label[landmarks]
+    distance[~same_label(label, label)] = np.inf
     fixed = problem.fixed[landmarks]
     distance[fixed[:, None] & fixed[None, :]] = np.inf
     distance = np.asarray(np.minimum(distance, distance.T))
     for a, b in np.argwhere(np.triu(distance <= config.gate_new)):
         price = gap_price(np.array(_gap(fitted, int(landmarks[a]), int(landmarks[b]))), config)
         distance[a, b] = distance[b, a] = distance[a, b] + float(price)
-    return distance
+    return distance, np.minimum(most, most.T)
 
 
 def _sandwich(A: Array, P: Array, B: Array) -> Array:
@@ -113,13 +121,13 @@ def _gap(fitted: Fitted, a: int, b: int) -> float:
     return float(gap) if gap > 0.0 else 0.0
 
 
-def _mutual(distance: Array, gate: float, gate_new: float) -> IntArray:
-    """Returns rows (P, 2) of the table that are each other's nearest, within the gate."""
+def _mutual(distance: Array, gate: Array, gate_new: float) -> IntArray:
+    """Returns rows (P, 2) of the table that are each other's nearest, within their gates (m, m)."""
     pairs, taken = [], set()
     best = distance.min(axis=1)
     for a in np.argsort(best, kind="stable").tolist():
         b = int(np.argmin(distance[a]))
-        if best[a] > gate or a in taken or b in taken:
+        if best[a] > gate[a, b] or a in taken or b in taken:
             continue
         if int(np.argmin(distance[b])) == a and _clear(distance, a, b, gate_new):
             pairs.append((a, b))

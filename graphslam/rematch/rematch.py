@@ -8,21 +8,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from graphslam.association import gate_for
 from graphslam.config import EkfConfig, RematchConfig, SmootherConfig
+from graphslam.landmarks import labels_seen
 from graphslam.measurements import IntArray
 from graphslam.rematch.closing import closures
-from graphslam.rematch.decide import decide
+from graphslam.rematch.decide import APART, decide
 from graphslam.rematch.fitted import UNMATCHED, Fitted, of_landmark_kinds, renumbered
 from graphslam.rematch.found import start_landmarks
-from graphslam.rematch.merge import TWO, merges
+from graphslam.rematch.merge import merges
+from graphslam.rematch.objective import objective
 from graphslam.rematch.slips import shifted, shifts
 from graphslam.rematch.starts import parted
 from graphslam.rematch.submaps import submaps
 from graphslam.rematch.torn import mend, tears
 from graphslam.rematch.window import sliding_window
 from graphslam.smoother.problem import Minimum, Problem, state_problem
-from graphslam.smoother.robust import ODOMETRY_DIM, minimise_robustly
+from graphslam.smoother.robust import minimise_robustly
 
 Minimise = Callable[[Problem, SmootherConfig], Minimum]
 
@@ -45,7 +46,7 @@ HOPELESS = 0.1
 """Share of sightings without a landmark beyond which the matches given are not trusted at all."""
 PATIENCE = 3
 """Rounds without a lower objective after which no more are tried."""
-LEAST_PROMISE = 0.0
+LEAST_PROMISE = 1.0
 """Gain, in units of the cost, that odometry must promise of a shift for it to be tried."""
 LEAST_GAIN = 0.5
 """By how much a shift must lower the objective to be kept."""
@@ -59,7 +60,7 @@ class Rematched:
 
     Attributes:
         fitted: the matches that last, at their minimum.
-        objective: what was lowered; see `objective`.
+        objective: what was lowered; see `graphslam.rematch.objective`.
         settled: whether nothing changed any more, within the rounds allowed.
         counts: what was changed, by name.
     """
@@ -68,20 +69,6 @@ class Rematched:
     objective: float
     settled: bool
     counts: dict[str, int]
-
-
-def objective(fitted: Fitted, config: RematchConfig) -> float:
-    """Returns the penalised cost that all decisions lower.
-
-    The cost of the minimum, half the gate for each sighting left out, and half of `merge.TWO` gates
-    for each landmark: a sighting is worth matching, and two landmarks worth merging, exactly while
-    it costs less than their gates allow. An increment that is switched off costs half its own gate.
-    """
-    problem = fitted.problem
-    out = of_landmark_kinds(problem) & (problem.match == UNMATCHED)
-    price = float(out.sum()) + TWO * float(np.sum(~problem.fixed))
-    slipped = float(np.sum(problem.odometry_weight < 0.5)) * gate_for(config.gate, ODOMETRY_DIM)
-    return fitted.minimum.cost + 0.5 * (config.gate * price + slipped)
 
 
 def rematch(
@@ -94,13 +81,14 @@ def rematch(
     """
     window_m = config.rematching.window_m
     best = settle(problem, config, minimise)
-    apart = parted(problem, window_m)
+    apart = parted(problem, window_m, APART * config.rematching.gap_m)
     if len(apart.kinds) > len(problem.kinds):
         best = _better(best, settle(apart, config, minimise), AGAIN)
     if max(_left_out(problem), _left_out(best.fitted.problem)) > HOPELESS:
         found = sliding_window(problem.measurements, EkfConfig(), window_m)
         afresh = state_problem(problem.measurements, found.match, found)
         best = _better(best, settle(afresh, config, minimise), AFRESH)
+    best = _straightened(best, config, minimise)
     counts = Counter(best.counts) + compared(problem.match, best.fitted.problem.match)
     if not best.settled:
         counts[UNSETTLED] = 1
@@ -129,13 +117,15 @@ def settle(problem: Problem, config: SmootherConfig, minimise: Minimise) -> Rema
     Raises:
         UnderConstrained: the measurements do not determine every pose and landmark.
     """
-    rules = config.rematching
     problem = _robust(problem, config, minimise)
-    best = _rounds(problem, config, minimise, rules.rounds)
+    best = _rounds(problem, config, minimise)
     best = _closed(best, config, minimise)
-    if config.robust_odometry:
-        best = _mended(best, config, minimise)
-    for _ in range(rules.rounds):
+    return _mended(best, config, minimise) if config.robust_odometry else best
+
+
+def _straightened(best: Rematched, config: SmootherConfig, minimise: Minimise) -> Rematched:
+    """Returns the matches after all shifts of the path, one by one, that lower the objective."""
+    for _ in range(config.rematching.rounds):
         better = _unslipped(best, config, minimise)
         if better is None:
             break
@@ -151,13 +141,23 @@ def _robust(problem: Problem, config: SmootherConfig, minimise: Minimise) -> Pro
     return renumbered(problem, np.where(problem.weight > 0.5, problem.match, UNMATCHED))
 
 
-def _rounds(problem: Problem, config: SmootherConfig, minimise: Minimise, rounds: int) -> Rematched:
-    """Returns the best of what deciding again, round after round, comes by."""
+def _rounds(
+    problem: Problem, config: SmootherConfig, minimise: Minimise, before: IntArray | None = None
+) -> Rematched:
+    """Returns the best of what deciding again, round after round, comes by.
+
+    Args:
+        problem: where to begin.
+        config: rules, and the largest number of rounds.
+        minimise: finds minima.
+        before: (K,) matches that are known already, at which there is no need to go on.
+    """
     rules = config.rematching
     fitted = Fitted.of(problem, minimise(problem, config))
     counts: Counter[str] = Counter()
-    best, settled, seen, since = fitted, False, set(), 0
-    for _ in range(rounds):
+    best, settled, since = fitted, False, 0
+    seen = set() if before is None else {before.tobytes()}
+    for _ in range(rules.rounds):
         changed, done = _one_round(fitted, rules)
         name = changed.match.tobytes()
         if not done or name in seen or since == PATIENCE:
@@ -184,7 +184,7 @@ def _closed(best: Rematched, config: SmootherConfig, minimise: Minimise) -> Rema
         problem = best.fitted.problem
         tried = _joined(problem, [_now(rows, problem.match, pair) for pair in group])
         tried = _robust(tried, config, minimise)
-        closed = _rounds(tried, config, minimise, rules.rounds)
+        closed = _rounds(tried, config, minimise)
         if closed.objective < best.objective - LEAST_GAIN:
             counts = Counter(best.counts) + Counter(closed.counts) + Counter({CLOSED: 1})
             best = replace(closed, counts=dict(counts))
@@ -196,7 +196,7 @@ def _mended(best: Rematched, config: SmootherConfig, minimise: Minimise) -> Rema
     for tear in tears(best.fitted, config, minimise):
         tried = mend(best.fitted.problem, tear)
         tried = _robust(_joined(tried, tear.pairs.tolist()), config, minimise)
-        mended = _rounds(tried, config, minimise, config.rematching.rounds)
+        mended = _rounds(tried, config, minimise)
         if mended.objective < best.objective - LEAST_GAIN:
             counts = Counter(best.counts) + Counter(mended.counts) + Counter({MENDED: 1})
             mended = replace(mended, counts=dict(counts))
@@ -213,12 +213,15 @@ def _now(before: IntArray, after: IntArray, pair: tuple[int, int]) -> tuple[int,
 
 
 def _joined(problem: Problem, pairs: list[tuple[int, int]]) -> Problem:
-    """Returns the problem with pairs of landmarks joined, except two that are both known."""
+    """Returns the problem with pairs of landmarks joined, except known and differently labelled."""
+    label = labels_seen(problem.measurements, problem.match, len(problem.kinds))
     name = np.arange(len(problem.kinds))
     for a, b in pairs:
         keep, other = sorted((int(name[a]), int(name[b])))  # known landmarks come first
-        if min(a, b) >= 0 and not problem.fixed[other]:
+        alike = label[keep] == label[other] or min(label[keep], label[other]) < 0
+        if min(a, b) >= 0 and alike and not problem.fixed[other]:
             name[name == other] = keep
+            label[keep] = max(label[keep], label[other])
     match = np.where(problem.match >= 0, name[problem.match], UNMATCHED)
     return renumbered(problem, match)
 
@@ -228,7 +231,8 @@ def _unslipped(best: Rematched, config: SmootherConfig, minimise: Minimise) -> R
     rules = config.rematching
     for shift in shifts(best.fitted, LEAST_PROMISE, MOST_SHIFTS):
         problem = shifted(best.fitted, shift, rules)
-        tried = _rounds(renumbered(problem, problem.match), config, minimise, rules.rounds)
+        problem = renumbered(problem, problem.match)
+        tried = _rounds(problem, config, minimise, best.fitted.problem.match)
         if tried.objective < best.objective - LEAST_GAIN:
             counts = Counter(best.counts) + Counter(tried.counts) + Counter({SHIFTED: 1})
             return replace(tried, counts=dict(counts))

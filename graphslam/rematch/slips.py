@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from graphslam.association import mahalanobis
+from graphslam.association import mahalanobis, same_label
 from graphslam.config import RematchConfig
 from graphslam.geometry import Array, rotation, wrap
 from graphslam.measurements import IntArray
@@ -106,7 +106,7 @@ def shifted(fitted: Fitted, shift: Shift, config: RematchConfig) -> Problem:
     alpha = params[own, 1]
     params[own, 0] += np.cos(alpha) * shift.vector[0] + np.sin(alpha) * shift.vector[1]
     moved = replace(problem, pose=pose, params=params)
-    return replace(moved, match=_nearest(moved, inside, lines, config))
+    return replace(moved, match=_nearest(moved, inside, lines, fitted.label[lines], config))
 
 
 def _directions(fitted: Fitted) -> Iterator[tuple[list[Gap], Array]]:
@@ -165,7 +165,9 @@ def _gain(gap: Gap, size: float) -> float:
     return 0.5 * (before**2 - after**2) / gap.sigma_m**2
 
 
-def _nearest(problem: Problem, inside: Array, lines: IntArray, config: RematchConfig) -> IntArray:
+def _nearest(
+    problem: Problem, inside: Array, lines: IntArray, label: IntArray, config: RematchConfig
+) -> IntArray:
     """Returns matches (K,) where the sightings ``inside`` take the nearest line, one a node."""
     match = problem.match.copy()
     first, table = table_of(problem, LINE.kind)
@@ -177,7 +179,7 @@ def _nearest(problem: Problem, inside: Array, lines: IntArray, config: RematchCo
     distance = mahalanobis(e, S[:, None])
     match[first + rows] = UNMATCHED
     taken: set[tuple[int, int]] = set()
-    pairs = np.argwhere(distance <= config.gate)
+    pairs = np.argwhere((distance <= config.gate) & same_label(table.label[rows], label))
     for i, j in pairs[np.argsort(distance[tuple(pairs.T)], kind="stable")].tolist():
         place = (int(table.node[rows[i]]), j)
         if match[first + rows[i]] == UNMATCHED and place not in taken:

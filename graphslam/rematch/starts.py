@@ -1,4 +1,4 @@
-"""Where to begin: matches without the loops that an estimate has closed."""
+"""Where to begin: matches without the loops and the bridged gaps of an estimate."""
 
 from __future__ import annotations
 
@@ -6,28 +6,33 @@ from dataclasses import replace
 
 import numpy as np
 
-from graphslam.rematch.fitted import nodes_of
+from graphslam.geometry import Array
+from graphslam.rematch.fitted import nodes_of, stretches_by_sighting
 from graphslam.rematch.found import travelled
 from graphslam.smoother.problem import Problem
 
 
-def parted(problem: Problem, window_m: float) -> Problem:
+def parted(problem: Problem, window_m: float, gap_m: float = np.inf) -> Problem:
     """Returns the problem with every landmark parted where it was left behind.
 
     What was seen before a way of ``window_m`` without the landmark, and what was seen after, become
-    two landmarks: no loop is closed any more, rightly or wrongly. Known landmarks stay whole.
+    two landmarks: no loop is closed any more, rightly or wrongly. So do stretches of it with a gap
+    of ``gap_m`` between them, seen one after the other: short lines in a row may be on one line by
+    chance. Known landmarks stay whole.
 
     Args:
         problem: path, map and matches.
         window_m: way, m, after which a landmark that was not seen is left behind.
+        gap_m: gap between what was seen of a landmark and what is seen next, m.
     """
     way = travelled(problem.pose)[nodes_of(problem)]
+    seen = stretches_by_sighting(problem)
     match, source = problem.match.copy(), list(range(len(problem.kinds)))
     for landmark in np.flatnonzero(~problem.fixed).tolist():
         own = np.flatnonzero(match == landmark)
         own = own[np.argsort(way[own], kind="stable")]
-        visits = np.split(own, 1 + np.flatnonzero(np.diff(way[own]) > window_m))
-        for visit in visits[1:]:
+        cuts = (np.diff(way[own]) > window_m) | (_gaps(seen[own]) > gap_m)
+        for visit in np.split(own, 1 + np.flatnonzero(cuts))[1:]:
             match[visit] = len(source)
             source.append(landmark)
     return replace(
@@ -37,3 +42,10 @@ def parted(problem: Problem, window_m: float) -> Problem:
         fixed=problem.fixed[source],
         params=problem.params[source],
     )
+
+
+def _gaps(seen: Array) -> Array:
+    """Returns the gaps (k-1,), m, between stretches (k, 2) and what was seen before; 0 if none."""
+    low, high = np.fmin.accumulate(seen[:, 0]), np.fmax.accumulate(seen[:, 1])
+    gap = np.fmax(seen[1:, 0] - high[:-1], low[:-1] - seen[1:, 1])
+    return np.asarray(np.nan_to_num(gap))

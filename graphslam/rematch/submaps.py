@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -108,17 +108,8 @@ def _local(fitted: Fitted, first: int, last: int, rules: RematchConfig) -> tuple
 
 
 def _part(table: Sightings, rows: IntArray, first: int) -> Sightings:
-    return Sightings(
-        table.kind,
-        table.node[rows] - first,
-        table.z[rows],
-        table.cov[rows],
-        table.extent[rows],
-        table.t_received[rows],
-        table.quality[rows],
-        table.source[rows],
-        table.truth[rows],
-    )
+    own = table.select(rows)
+    return replace(own, node=own.node - first)
 
 
 def _lines(problem: Problem, minimum: Minimum) -> LineMap:

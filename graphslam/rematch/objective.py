@@ -1,0 +1,76 @@
+"""What all second thoughts lower: how improbable measurements are under the matches as a whole."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from graphslam.association import gate_for
+from graphslam.config import RematchConfig
+from graphslam.geometry import Array
+from graphslam.measurements import IntArray
+from graphslam.models import MODELS
+from graphslam.rematch.crowd import DENSITY
+from graphslam.rematch.decide import gap_price
+from graphslam.rematch.fitted import UNMATCHED, Fitted, of_landmark_kinds, stretches_by_sighting
+from graphslam.smoother.problem import Problem
+from graphslam.smoother.robust import ODOMETRY_DIM
+
+ROUNDING = 1e-12
+
+
+def objective(fitted: Fitted, config: RematchConfig) -> float:
+    """Returns the penalised cost that all decisions lower.
+
+    It is the negative logarithm of the measurements' probability, by Laplace's approximation about
+    the minimum, but for what all matches share: the cost of the minimum; half the gate for each
+    sighting left out, so that a sighting is worth matching exactly while it costs less; the odds
+    against each gap in a landmark; and for all landmarks together what they might be against how
+    closely they are known. So two landmarks are worth merging while chance would not explain as
+    well that they lie so near to each other (`crowd.most_surprise`). An increment that is switched
+    off costs half its own gate.
+    """
+    problem = fitted.problem
+    out = float(np.sum(of_landmark_kinds(problem) & (problem.match == UNMATCHED)))
+    slipped = float(np.sum(problem.odometry_weight < 0.5)) * gate_for(config.gate, ODOMETRY_DIM)
+    gaps = float(gap_price(_gaps_within(problem), config).sum())
+    return fitted.minimum.cost + 0.5 * (config.gate * out + slipped + gaps) + _landmarks(fitted)
+
+
+def _landmarks(fitted: Fitted) -> float:
+    """Returns the price of all landmarks that are not known, together."""
+    problem = fitted.problem
+    dims = np.array([MODELS[kind].dim_landmark for kind in problem.kinds], np.int64)
+    free = np.repeat(~problem.fixed, dims)
+    cov = fitted.cov_joint[3:, 3:][np.ix_(free, free)]
+    sigma = np.sqrt(np.diagonal(cov))
+    if not len(sigma):
+        return 0.0
+    alike = cov / sigma[:, None] / sigma[None, :]
+    _, log_det = np.linalg.slogdet(alike + ROUNDING * np.eye(len(alike)))
+    log_det += 2.0 * np.log(sigma).sum()
+    count = int(np.sum(~problem.fixed))
+    return float(
+        -0.5 * (log_det + len(sigma) * math.log(2.0 * math.pi)) - count * math.log(DENSITY)
+    )
+
+
+def _gaps_within(problem: Problem) -> Array:
+    """Returns the gaps (g,), m, between the stretches that were seen of each landmark."""
+    seen = stretches_by_sighting(problem)
+    known = np.isfinite(seen).all(axis=1)
+    return _gaps(problem.match[known], seen[known])
+
+
+def _gaps(landmark: IntArray, seen: Array) -> Array:
+    """Returns the gaps (g,) between stretches (k, 2) of each of some landmarks (k,)."""
+    order = np.lexsort((seen[:, 0], landmark))
+    landmark, seen = landmark[order], seen[order]
+    if not len(landmark):
+        return np.zeros(0)
+    # the farthest end so far of each landmark: shifted apart, one running maximum does for all
+    apart = (1.0 + np.ptp(seen)) * np.cumsum(np.diff(landmark, prepend=landmark[0]) != 0)
+    reached = np.maximum.accumulate(seen[:, 1] + apart) - apart
+    gap = seen[1:, 0] - reached[:-1]
+    return np.asarray(gap[(np.diff(landmark) == 0) & (gap > 0.0)])

@@ -42,7 +42,11 @@ class Compatibility:
 
 def same_label(label: IntArray, of_landmark: IntArray) -> AnyArray:
     """Returns (k, M) whether sightings (k,) and landmarks (M,) have one label, or one has none."""
-    a, b = label[:, None], of_landmark[None, :]
+    return labels_agree(label[:, None], of_landmark[None, :])
+
+
+def labels_agree(a: IntArray, b: IntArray) -> AnyArray:
+    """Returns (...) whether two labels (...) are one, or one of them is none."""
     return np.asarray((a == b) | (a < 0) | (b < 0))
 
 

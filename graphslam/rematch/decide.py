@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from graphslam.association import gate_for, mahalanobis, same_label
+from graphslam.association import gate_for, labels_agree, mahalanobis
 from graphslam.config import RematchConfig
 from graphslam.geometry import Array
 from graphslam.measurements import IntArray, Sightings
 from graphslam.models import MODELS, Model
 from graphslam.rematch.crowd import by_chance, most_surprise
 from graphslam.rematch.fitted import UNMATCHED, Fitted, of_landmark_kinds
+from graphslam.rematch.reach import close_pairs, gap_price
 
 CHUNK = 200_000
 """Pairs of sighting and landmark that are looked at in one go."""
@@ -131,21 +132,20 @@ def _within_reach(
     """
     problem, dim = fitted.problem, model.dim_landmark
     gate = gate_for(config.gate_new, model.dim_z)
-    own = fitted.landmark_cov(landmarks, landmarks, dim)
-    params = problem.params[landmarks, :dim]
-    rows, columns = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    step = max(1, CHUNK // len(landmarks))
-    for begin in range(0, len(table), step):
-        part = slice(begin, min(begin + step, len(table)))
-        node = table.node[part]
-        e, J_p, J_l = model.residual(problem.pose[node][:, None], params, table.z[part][:, None])
-        S = J_p @ fitted.cov_pose[node][:, None] @ np.swapaxes(J_p, -1, -2)
-        S = 2.0 * (S + J_l @ own @ np.swapaxes(J_l, -1, -2)) + table.cov[part][:, None]
-        alike = same_label(table.label[part], fitted.label[landmarks])
-        i, j = np.nonzero((mahalanobis(e, S) <= gate) & alike)
-        rows.append(begin + i)
-        columns.append(landmarks[j])
-    return np.concatenate(rows), np.concatenate(columns)
+    row, column = close_pairs(fitted, model, table, landmarks, config)
+    alike = labels_agree(table.label[row], fitted.label[landmarks[column]])
+    row, landmark = row[alike], landmarks[column[alike]]
+    kept = [np.zeros(0, np.int64)]
+    for begin in range(0, len(row), CHUNK):
+        part = np.arange(begin, min(begin + CHUNK, len(row)))
+        node, of = table.node[row[part]], landmark[part]
+        params = problem.params[of, :dim]
+        e, J_p, J_l = model.residual(problem.pose[node], params, table.z[row[part]])
+        S = J_p @ fitted.cov_pose[node] @ np.swapaxes(J_p, -1, -2)
+        S += J_l @ fitted.landmark_cov(of, of, dim) @ np.swapaxes(J_l, -1, -2)
+        kept.append(part[mahalanobis(e, 2.0 * S + table.cov[row[part]]) <= gate])
+    pairs = np.concatenate(kept)
+    return row[pairs], landmark[pairs]
 
 
 def _gaps(
@@ -159,15 +159,6 @@ def _gaps(
     gap = np.fmax(seen[:, 0], known[:, 0]) - np.fmin(seen[:, 1], known[:, 1])
     unknown = np.isnan(seen[:, 0]) | np.isnan(known[:, 0])
     return np.where(unknown, 0.0, np.maximum(gap, 0.0))
-
-
-def gap_price(gap: Array, config: RematchConfig) -> Array:
-    """Returns what a gap (m) between stretches costs, as a squared distance.
-
-    Lines are finite: the odds that two stretches with a gap between are one line fall as the gap's
-    inverse square, and never to nothing.
-    """
-    return np.asarray(4.0 * np.log1p(gap / config.gap_m))
 
 
 def _definite(S: Array, R: Array) -> Array:

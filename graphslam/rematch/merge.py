@@ -10,8 +10,8 @@ from graphslam.geometry import Array
 from graphslam.measurements import IntArray
 from graphslam.models import MODELS
 from graphslam.rematch.crowd import by_chance, most_surprise
-from graphslam.rematch.decide import gap_price
 from graphslam.rematch.fitted import Fitted, stretch_on
+from graphslam.rematch.reach import gap_price
 
 TOGETHER = 0.1
 """Landmarks that share the nodes of more than this part of the fewer sightings are two."""

@@ -12,8 +12,8 @@ from graphslam.geometry import Array
 from graphslam.measurements import IntArray
 from graphslam.models import MODELS
 from graphslam.rematch.crowd import DENSITY
-from graphslam.rematch.decide import gap_price
 from graphslam.rematch.fitted import UNMATCHED, Fitted, of_landmark_kinds, stretches_by_sighting
+from graphslam.rematch.reach import gap_price
 from graphslam.smoother.problem import Problem
 from graphslam.smoother.robust import ODOMETRY_DIM
 

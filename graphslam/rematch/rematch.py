@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from graphslam.association import labels_agree
 from graphslam.config import EkfConfig, RematchConfig, SmootherConfig
 from graphslam.landmarks import labels_seen
 from graphslam.measurements import IntArray
@@ -46,7 +47,7 @@ HOPELESS = 0.1
 """Share of sightings without a landmark beyond which the matches given are not trusted at all."""
 PATIENCE = 3
 """Rounds without a lower objective after which no more are tried."""
-LEAST_PROMISE = 1.0
+LEAST_PROMISE = 0.0
 """Gain, in units of the cost, that odometry must promise of a shift for it to be tried."""
 LEAST_GAIN = 0.5
 """By how much a shift must lower the objective to be kept."""
@@ -218,7 +219,7 @@ def _joined(problem: Problem, pairs: list[tuple[int, int]]) -> Problem:
     name = np.arange(len(problem.kinds))
     for a, b in pairs:
         keep, other = sorted((int(name[a]), int(name[b])))  # known landmarks come first
-        alike = label[keep] == label[other] or min(label[keep], label[other]) < 0
+        alike = bool(labels_agree(label[keep], label[other]))
         if min(a, b) >= 0 and alike and not problem.fixed[other]:
             name[name == other] = keep
             label[keep] = max(label[keep], label[other])

@@ -15,7 +15,7 @@ from graphslam.rematch.crowd import DENSITY
 from graphslam.rematch.fitted import UNMATCHED, Fitted, of_landmark_kinds, stretches_by_sighting
 from graphslam.rematch.reach import gap_price
 from graphslam.smoother.problem import Problem
-from graphslam.smoother.robust import ODOMETRY_DIM
+from graphslam.smoother.robust import ODOMETRY_DIM, SMALLEST_WEIGHT
 
 ROUNDING = 1e-12
 
@@ -29,13 +29,21 @@ def objective(fitted: Fitted, config: RematchConfig) -> float:
     against each gap in a landmark; and for all landmarks together what they might be against how
     closely they are known. So two landmarks are worth merging while chance would not explain as
     well that they lie so near to each other (`crowd.most_surprise`). An increment that is switched
-    off costs half its own gate.
+    off costs half of `slip_price`.
     """
     problem = fitted.problem
     out = float(np.sum(of_landmark_kinds(problem) & (problem.match == UNMATCHED)))
-    slipped = float(np.sum(problem.odometry_weight < 0.5)) * gate_for(config.gate, ODOMETRY_DIM)
+    slipped = float(np.sum(problem.odometry_weight < 0.5)) * slip_price(config)
     gaps = float(gap_price(_gaps_within(problem), config).sum())
     return fitted.minimum.cost + 0.5 * (config.gate * out + slipped + gaps) + _landmarks(fitted)
+
+
+def slip_price(config: RematchConfig) -> float:
+    """Returns the squared residual of an increment from which it is better switched off.
+
+    A slip is rare, which is the gate, and may then be anything, which is the weight that is left.
+    """
+    return gate_for(config.gate, ODOMETRY_DIM) - ODOMETRY_DIM * math.log(SMALLEST_WEIGHT)
 
 
 def _landmarks(fitted: Fitted) -> float:

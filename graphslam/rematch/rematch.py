@@ -12,17 +12,19 @@ from graphslam.association import labels_agree
 from graphslam.config import EkfConfig, RematchConfig, SmootherConfig
 from graphslam.landmarks import labels_seen
 from graphslam.measurements import IntArray
+from graphslam.rematch.adrift import adrift, moored
 from graphslam.rematch.closing import closures
 from graphslam.rematch.decide import APART, decide
 from graphslam.rematch.fitted import UNMATCHED, Fitted, of_landmark_kinds, renumbered
 from graphslam.rematch.found import start_landmarks
 from graphslam.rematch.merge import merges
-from graphslam.rematch.objective import objective
+from graphslam.rematch.objective import objective, slip_price
 from graphslam.rematch.slips import shifted, shifts
 from graphslam.rematch.starts import parted
 from graphslam.rematch.submaps import submaps
 from graphslam.rematch.torn import mend, tears
 from graphslam.rematch.window import sliding_window
+from graphslam.smoother.fit import odometry_fit
 from graphslam.smoother.problem import Minimum, Problem, state_problem
 from graphslam.smoother.robust import minimise_robustly
 
@@ -39,6 +41,7 @@ MOVED = "sightings moved to another landmark by rematching"
 ROUNDS = "rounds of rematching that only moved sightings"
 CLOSED = "loops closed by rematching"
 MENDED = "places where odometry slipped mended by rematching"
+MOORED = "stretches of nodes without odometry put in their place by rematching"
 AFRESH = "rematching began anew from a pass of its own that forgets what it has left behind"
 UNSETTLED = "rematching stopped before nothing changed any more"
 AGAIN = "rematching began anew without the loops that the first estimate closed"
@@ -121,7 +124,9 @@ def settle(problem: Problem, config: SmootherConfig, minimise: Minimise) -> Rema
     problem = _robust(problem, config, minimise)
     best = _rounds(problem, config, minimise)
     best = _closed(best, config, minimise)
-    return _mended(best, config, minimise) if config.robust_odometry else best
+    if not config.robust_odometry:
+        return best
+    return _moored(_mended(best, config, minimise), config, minimise)
 
 
 def _straightened(best: Rematched, config: SmootherConfig, minimise: Minimise) -> Rematched:
@@ -135,10 +140,17 @@ def _straightened(best: Rematched, config: SmootherConfig, minimise: Minimise) -
 
 
 def _robust(problem: Problem, config: SmootherConfig, minimise: Minimise) -> Problem:
-    """Returns the problem at a robust minimum, without what that switches off."""
+    """Returns the problem at a robust minimum, without what that switches off.
+
+    Increments stay switched off only where they are far from fitting: one right increment in a
+    thousand is not a slip.
+    """
     kernel = config if config.robust != "none" else replace(config, robust="gnc")
     problem, minimum = minimise_robustly(problem, kernel, minimise)
-    problem = replace(problem, pose=minimum.pose, params=minimum.params)
+    squared = odometry_fit(problem.measurements, minimum.pose)
+    small = (problem.odometry_weight < 0.5) & (squared <= slip_price(config.rematching))
+    weight = np.where(small, 1.0, problem.odometry_weight)
+    problem = replace(problem, pose=minimum.pose, params=minimum.params, odometry_weight=weight)
     return renumbered(problem, np.where(problem.weight > 0.5, problem.match, UNMATCHED))
 
 
@@ -202,6 +214,18 @@ def _mended(best: Rematched, config: SmootherConfig, minimise: Minimise) -> Rema
             counts = Counter(best.counts) + Counter(mended.counts) + Counter({MENDED: 1})
             mended = replace(mended, counts=dict(counts))
             return _mended(mended, config, minimise)
+    return best
+
+
+def _moored(best: Rematched, config: SmootherConfig, minimise: Minimise) -> Rematched:
+    """Returns the matches after finding the place of nodes that odometry says nothing of."""
+    for first, last in adrift(best.fitted):
+        tried = moored(best.fitted, first, last, config.rematching)
+        tried = _robust(renumbered(tried, tried.match), config, minimise)
+        found = _rounds(tried, config, minimise)
+        if found.objective < best.objective - LEAST_GAIN:
+            counts = Counter(best.counts) + Counter(found.counts) + Counter({MOORED: 1})
+            best = replace(found, counts=dict(counts))
     return best
 
 

@@ -12,9 +12,8 @@ from scipy.spatial import cKDTree
 
 from graphslam.association import gate_for
 from graphslam.config import RematchConfig
-from graphslam.geometry import Array
+from graphslam.geometry import Array, points_on_line, rotation, transform_points, wrap
 from graphslam.line_maps.alignment import Alignment, find_alignments
-from graphslam.line_maps.ambiguity import ambiguity
 from graphslam.line_maps.config import AlignmentConfig
 from graphslam.line_maps.votes import Near
 from graphslam.measurements import IntArray
@@ -32,6 +31,10 @@ ALIGNING = AlignmentConfig(hypotheses=6, most=4, least=COMMON + 1)
 """Fewer motions are tried than for whole maps: odometry says roughly where to look."""
 CLEARLY = 2.0
 """How many times the score of any rival a closure must have."""
+SAME_TURN = math.radians(5.0)
+"""Closures that differ by less are shifts of each other."""
+STRAIGHT_M, STRAIGHT = 0.05, 0.1
+"""A shift is along an axis of the floor where the rest is smaller, m or part of it."""
 DIM = 3
 REFUSED = "loop not closed: "
 
@@ -95,7 +98,7 @@ def closures(
         if strength[n] >= CLEARLY * strongest:
             accepted.append(tuple(sorted(set().union(*(c.pairs for c in group)))))
         elif strength[n] >= strongest:
-            refused[REFUSED + _why(group, maps)] += 1
+            refused[REFUSED + _why(group, found, fitted, maps)] += 1
     return Closures(tuple(accepted), dict(refused))
 
 
@@ -196,11 +199,35 @@ def _contradict(one: list[Closing], other: list[Closing]) -> bool:
     return any(back.get(b, a) != a for a, b in second.items())
 
 
-def _why(group: list[Closing], maps: tuple[Submap, ...]) -> str:
-    """Returns in words what else would fit as well as the best of a group."""
+def _why(
+    group: list[Closing], found: list[Closing], fitted: Fitted, maps: tuple[Submap, ...]
+) -> str:
+    """Returns in words what else would fit nearly as well as the best of a group.
+
+    On a periodic floor these are shifts by its periods, floor frame; all that odometry allows.
+    """
     best = group[0]
-    earlier, later = maps[best.a].lines, maps[best.b].lines
-    found = ambiguity(find_alignments(earlier, later, ALIGNING), later, ALIGNING)
-    if found is None or found.unique:
-        return "other places fit nearly as well"
-    return str(found)
+    theta = fitted.problem.pose[maps[best.a].first, 2]
+    lines = maps[best.b].lines.lines[best.alignment.matches[:, 1]]
+    centre = points_on_line(lines, best.alignment.common.mean(axis=1)).mean(axis=0)
+    here = transform_points(best.alignment.motion, centre)
+    shifts = []
+    for other in found:
+        same = (other.a, other.b) == (best.a, best.b) and other is not best
+        turn = wrap(other.alignment.motion[2] - best.alignment.motion[2])
+        if same and CLEARLY * other.score_m > best.score_m and abs(turn) < SAME_TURN:
+            there = transform_points(other.alignment.motion, centre)
+            shifts.append(rotation(theta) @ (there - here))
+    return shifts_in_words(np.array(shifts)) or "other places fit nearly as well"
+
+
+def shifts_in_words(shifts: Array) -> str:
+    """Returns shifts (n, 2), m, in words: "shifted in x by 0.60 m or 1.20 m it also fits"."""
+    found: dict[str, list[str]] = {}
+    for x, y in sorted(shifts.tolist(), key=lambda shift: math.hypot(*shift)):
+        rest = max(STRAIGHT_M, STRAIGHT * math.hypot(x, y))
+        axis = "x" if abs(y) < rest else "y" if abs(x) < rest else "x and y"
+        values = {"x": f"{x:.2f} m", "y": f"{y:.2f} m", "x and y": f"({x:.2f}, {y:.2f}) m"}
+        found.setdefault(axis, []).append(values[axis])
+    parts = [f"{axis} by {' or '.join(found[axis])}" for axis in sorted(found)]
+    return f"shifted in {', in '.join(parts)} it also fits" if parts else ""

@@ -13,7 +13,7 @@ from graphslam.config import EkfConfig, RematchConfig, SmootherConfig
 from graphslam.landmarks import labels_seen
 from graphslam.measurements import IntArray
 from graphslam.rematch.adrift import adrift, moored
-from graphslam.rematch.closing import closures
+from graphslam.rematch.closing import REFUSED, closures
 from graphslam.rematch.decide import APART, decide
 from graphslam.rematch.fitted import UNMATCHED, Fitted, of_landmark_kinds, renumbered
 from graphslam.rematch.found import start_landmarks
@@ -44,6 +44,7 @@ MENDED = "places where odometry slipped mended by rematching"
 MOORED = "stretches of nodes without odometry put in their place by rematching"
 AFRESH = "rematching began anew from a pass of its own that forgets what it has left behind"
 UNSETTLED = "rematching stopped before nothing changed any more"
+DOUBTED = "loop closed by the first estimate, but in doubt: "
 AGAIN = "rematching began anew without the loops that the first estimate closed"
 
 HOPELESS = 0.1
@@ -87,7 +88,9 @@ def rematch(
     best = settle(problem, config, minimise)
     apart = parted(problem, window_m, APART * config.rematching.gap_m)
     if len(apart.kinds) > len(problem.kinds):
-        best = _better(best, settle(apart, config, minimise), AGAIN)
+        again = settle(apart, config, minimise)
+        doubted = replace(best, counts={**best.counts, **_doubts(again)})
+        best = _better(doubted, again, AGAIN)
     if max(_left_out(problem), _left_out(best.fitted.problem)) > HOPELESS:
         found = sliding_window(problem.measurements, EkfConfig(), window_m)
         afresh = state_problem(problem.measurements, found.match, found)
@@ -104,6 +107,12 @@ def _better(best: Rematched, other: Rematched, name: str) -> Rematched:
     if other.objective < best.objective - LEAST_GAIN:
         return replace(other, counts={**other.counts, name: 1})
     return best
+
+
+def _doubts(again: Rematched) -> dict[str, int]:
+    """Returns in words which loops of a first estimate would not be closed without it."""
+    named = {name: n for name, n in again.counts.items() if name.startswith(REFUSED)}
+    return {DOUBTED + name.removeprefix(REFUSED): n for name, n in named.items()}
 
 
 def _left_out(problem: Problem) -> float:

@@ -111,6 +111,23 @@ def test_a_landmark_that_hardly_anything_supports_is_dropped(
     assert match.max() == truth.max()
 
 
+def test_sightings_of_two_labels_are_never_of_one_landmark(
+    world: tuple[Measurements, np.ndarray],
+) -> None:
+    measurements, truth = world
+    table = measurements.sightings["line"]
+    own = np.flatnonzero(truth == 2)
+    label = np.where(truth == 2, 0, -1)
+    label[own[::2]] = 1
+    labelled = replace(measurements, sightings={"line": replace(table, label=label)})
+    match, _ = decided(labelled, np.where(label == 1, -1, truth))
+    first, second = (set(match[label == k].tolist()) - {-1} for k in (0, 1))
+    assert first
+    assert second
+    assert not first & second
+    assert np.mean(match < 0) < 0.02
+
+
 def test_it_needs_no_match_to_start_from(world: tuple[Measurements, np.ndarray]) -> None:
     measurements, truth = world
     estimate = smooth(measurements, dead_reckoning(measurements), AGAIN)

@@ -1,0 +1,85 @@
+"""Loops closed by local line maps: rightly, never by guessing, and in linear time."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from graphslam.config import EkfConfig, SmootherConfig
+from graphslam.ekf import run_ekf
+from graphslam.estimate import Estimate
+from graphslam.line_maps.line_map import LineMap
+from graphslam.measurements import Measurements, Odometry
+from graphslam.rematch.closing import MOST, candidates, shifts_in_words
+from graphslam.rematch.rematch import CLOSED, DOUBTED
+from graphslam.rematch.spread import Spread
+from graphslam.rematch.submaps import Submap
+from graphslam.smoother import smooth
+from tests.graphslam.loops import loop_drive
+
+AGAIN = SmootherConfig(engine="chain", rematch=True)
+
+
+def rematched(measurements: Measurements) -> Estimate:
+    return smooth(measurements, run_ekf(measurements, EkfConfig()), AGAIN)
+
+
+def one_landmark_each(match: np.ndarray, truth: np.ndarray) -> bool:
+    """Returns whether landmarks and true lines name the used sightings alike, one for one."""
+    pairs = np.unique(np.column_stack([match, truth])[match >= 0], axis=0)
+    return len(pairs) == len(np.unique(pairs[:, 0])) == len(np.unique(truth))
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_loop_is_closed_and_every_line_is_one_landmark(seed: int) -> None:
+    measurements = loop_drive(seed)
+    truth = measurements.sightings["line"].truth
+    filtered = run_ekf(measurements, EkfConfig())
+    smoothed = smooth(measurements, filtered, AGAIN)
+    assert smoothed.counts[CLOSED] == 1
+    assert one_landmark_each(smoothed.match, truth)
+    assert not one_landmark_each(filtered.match, truth)
+
+
+def test_on_a_periodic_floor_the_shifts_that_also_fit_are_named() -> None:
+    counts = rematched(loop_drive(0, period_m=1.5)).counts
+    (named,) = [name for name in counts if name.startswith(DOUBTED)]
+    assert "in x by -1.5" in named
+    assert named.endswith("m it also fits")
+
+
+def test_shifts_along_one_axis_are_told_by_it() -> None:
+    shifts = np.array([[1.2, 0.01], [0.6, -0.02]])
+    assert shifts_in_words(shifts) == "shifted in x by 0.60 m or 1.20 m it also fits"
+    assert shifts_in_words(shifts[:, ::-1]) == "shifted in y by 0.60 m or 1.20 m it also fits"
+    both = shifts_in_words(np.array([[0.6, 0.6], [0.0, 0.6]]))
+    assert both == "shifted in x and y by (0.60, 0.60) m, in y by 0.60 m it also fits"
+    assert shifts_in_words(np.zeros((0, 2))) == ""
+
+
+def pairs_to_compare(stretches: int) -> int:
+    """Returns how many pairs of local maps are compared on a long walk in a small place."""
+    rng = np.random.default_rng(0)
+    each, nodes = 10, 10 * stretches
+    increment = np.column_stack(
+        [np.full(nodes - 1, 0.5), np.zeros(nodes - 1), rng.normal(0, 0.6, nodes - 1)]
+    )
+    cov = np.broadcast_to(0.01 * np.eye(3), (nodes - 1, 3, 3))
+    pose = np.column_stack([rng.uniform(0, 20, (nodes, 2)), rng.uniform(-3, 3, nodes)])
+    measurements = SimpleNamespace(odometry=Odometry(increment, cov))
+    fitted = SimpleNamespace(problem=SimpleNamespace(pose=pose, measurements=measurements))
+    empty = LineMap.exact(np.zeros((0, 2)), np.zeros((0, 2)))
+    maps = tuple(
+        Submap(k * each, (k + 1) * each, np.arange(3 * k, 3 * k + 3), empty)
+        for k in range(stretches)
+    )
+    return len(candidates(maps, Spread(fitted), 12.0, np.inf))
+
+
+def test_the_number_of_comparisons_grows_with_the_way_not_with_its_square() -> None:
+    few, many = pairs_to_compare(200), pairs_to_compare(800)
+    assert few > 10 * 200
+    assert many <= MOST * 800
+    assert many < 1.2 * 4 * few

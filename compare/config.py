@@ -16,7 +16,13 @@ from typing import Any, Literal
 
 from frontend.config import ExtractConfig
 from frontend.strict import from_dict, load_toml
-from graphslam.config import EkfConfig, IncrementalConfig, ParticleConfig, SmootherConfig
+from graphslam.config import (
+    EkfConfig,
+    IncrementalConfig,
+    LongConfig,
+    ParticleConfig,
+    SmootherConfig,
+)
 from graphslam.errors import BadConfig
 
 Method = Literal[
@@ -32,6 +38,8 @@ Method = Literal[
     "isam2",
     "fixed-lag",
     "smoother",
+    "ekf-window",
+    "loops",
 ]
 
 
@@ -49,6 +57,10 @@ class RunConfig:
     trigonometry; particle, Monte Carlo localisation. On known points only: triangulation, each
     pose from its own bearings, without memory. With pose fixes only: fixes, each pose as an
     overhead camera reads it, without memory."""
+    laser_methods: tuple[Method, ...] = ("odometry", "ekf-window", "loops")
+    """What methods stands for, where it is left as it is, on a log whose lines are a laser's walls.
+    ekf-window: odometry calibrated by itself, and a filter that forgets what was left behind.
+    loops: from there to a map with all loops closed that can be, all matches decided again."""
     known_map: str | None = None
     """A map to localise on: a map.csv, or the result folder of one method. Its lines stay where
     they are; sightings of none of them are dropped and counted (see ekf.extend_map)."""
@@ -63,6 +75,8 @@ class RunConfig:
     """Full smoothing by a factor graph."""
     incremental: IncrementalConfig = field(default_factory=IncrementalConfig)
     """Smoothing as the robot drives, node by node (isam2, fixed-lag)."""
+    long: LongConfig = field(default_factory=LongConfig)
+    """Long logs: self-calibration, the filter's window, loops (ekf-window, loops)."""
     particle: ParticleConfig = field(default_factory=ParticleConfig)
     """Monte Carlo localisation on a known map."""
 
@@ -70,6 +84,8 @@ class RunConfig:
         if not self.methods:
             raise BadConfig("methods is empty; name at least one of odometry, ekf, smoother")
         object.__setattr__(self, "methods", tuple(dict.fromkeys(self.methods)))
+        if not self.laser_methods:
+            raise BadConfig("laser_methods is empty; name at least one, such as loops")
 
 
 def load_config(path: Path | str) -> RunConfig:

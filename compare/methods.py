@@ -106,6 +106,18 @@ def _smoother(measurements: Measurements, config: RunConfig, done: Estimates) ->
     return smooth(measurements, initial=done["ekf"], config=config.smoother)
 
 
+def _ekf_window(measurements: Measurements, config: RunConfig, done: Estimates) -> Estimate:
+    with _needs_gtsam("ekf-window"):
+        from graphslam.long import run_window
+    return run_window(measurements, config.ekf, config.long)
+
+
+def _loops(measurements: Measurements, config: RunConfig, done: Estimates) -> Estimate:
+    with _needs_gtsam("loops"):
+        from graphslam.long import close_all_loops
+    return close_all_loops(measurements, done["ekf-window"], config.smoother, config.long)
+
+
 @contextmanager
 def _needs_gtsam(method: str) -> Iterator[None]:
     """Tells what to do where GTSAM is not installed."""
@@ -157,6 +169,8 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "isam2": Method(_isam2, after=("ekf",), stepwise=True),
         "fixed-lag": Method(_fixed_lag, after=("ekf",), stepwise=True),
         "smoother": Method(_smoother, after=("ekf",)),
+        "ekf-window": Method(_ekf_window),
+        "loops": Method(_loops, after=("ekf-window",)),
     }
 )
 

@@ -31,6 +31,8 @@ METHOD_COLOURS = {
     "triangulation": "#c2557e",
     "fixes": "#9c6a3c",
     "smoother": "#009e73",
+    "ekf-window": "#3f6fd0",
+    "loops": "#b5478a",
 }
 """From the palette of Okabe and Ito, or near it: contrast of 3 or more on white and near-black."""
 OTHER_COLOUR = "#b0649a"

@@ -247,8 +247,17 @@ def facts(record: Record) -> list[dict[str, str]]:
             {"label": f"Engine of the {name}", "value": engine}
             for name, engine in record.info.get("engine", {}).items()
         ),
+        *(
+            {"label": f"{found[0].upper()}{found[1:]} ({name})", "value": _measured(*measured)}
+            for name, quantities in record.info.get("quantities", {}).items()
+            for found, measured in quantities.items()
+        ),
         {"label": "Version", "value": str(record.info["versions"]["floorline-slam"])},
     ]
+
+
+def _measured(value: float, sigma: float) -> str:
+    return f"{value:.4f} ± {sigma:.4f}" if sigma > 0 else f"{value:.4f}"
 
 
 def _truth(record: Record) -> str:

@@ -221,7 +221,7 @@ def run_opened(
         measurements: what the log and ``config`` give, where it is at hand; else it is extracted.
         report: whether to draw the plots and write report.html.
     """
-    config = config or RunConfig()
+    config = suited(config or RunConfig(), log)
     log = with_camera_offset(log, config.extract.camera_offset_s)
     check_replaceable(out)
     clock = _Clock(progress, log)
@@ -242,6 +242,7 @@ def run_opened(
     frames = clock("thumbnails", lambda: take_frames(log, measurements, estimates))
     info = _info(log, measurements, config, estimates)
     info["failed"] = {name: str(error) for name, error in failed.items()}
+    info["quantities"] = {name: dict(e.quantities) for name, e in estimates.items() if e.quantities}
     info["engine"] = {name: e.engine for name, e in estimates.items() if e.engine}
     if config.smoother.check and "smoother" in estimates:
         info["check"] = clock("check", lambda: _check(measurements, estimates, config))
@@ -269,6 +270,13 @@ def run_opened(
     failures = tuple(failed)
     check, told = info.get("check"), tuple(info.get("places", {}).get("sentences", ()))
     return RunResult(out, log, measurements, estimates, comparison, warnings, failures, check, told)
+
+
+def suited(config: RunConfig, log: Log) -> RunConfig:
+    """Returns a configuration with a laser's methods, if the log is one and none were chosen."""
+    if not log.has_walls() or config.methods != RunConfig().methods:
+        return config
+    return replace(config, methods=config.laser_methods)
 
 
 def _check(measurements: Measurements, estimates: dict[str, Estimate], config: RunConfig) -> str:

@@ -344,7 +344,7 @@ def _seen_walls(
     log: Log, nodes: Nodes, config: ExtractConfig, rejected: Counter[str], progress: Progress | None
 ) -> Sightings | None:
     """Returns the walls that the scans at the nodes show, ordered by node."""
-    if log.scans is None or len(log.searched_images()):
+    if log.scans is None or not log.has_walls():
         return None
     from frontend.walls import walls_in_scans
 

@@ -302,6 +302,10 @@ class Log:
             return np.zeros(0, np.int64)
         return np.flatnonzero([name in self.ceiling for name in self.images.camera])
 
+    def has_walls(self) -> bool:
+        """Returns whether the lines of the log are walls in a laser's scans."""
+        return self.scans is not None and self.sightings is None and not len(self.searched_images())
+
     def where(self, part: str) -> str:
         """Returns where a part of the log is, as messages say it: a file, or a topic of a file."""
         label = self.labels[part]

@@ -191,6 +191,32 @@ class SmootherConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class LongConfig:
+    """Long logs (ekf-window, loops)."""
+
+    window_m: float = 6.0
+    """A landmark not seen for this long a way, m, is left behind: the filter matches nothing with
+    it; only whole groups of lines, by loop closing, are matched across."""
+    calibrate: bool = True
+    """Whether odometry calibrates itself: scale of distances and turns, curvature, where the sensor
+    sits, and noise. Off where its noise and geometry are known better."""
+    passes: int = 1
+    """Passes of the filter to which drift and noise of odometry are fitted."""
+    close: bool = True
+    """Whether loops are closed."""
+    rounds: int = 3
+    """How often all matches are decided again at the end."""
+
+    def __post_init__(self) -> None:
+        if not 0 < self.window_m < math.inf:
+            raise BadConfig(f"long.window_m = {self.window_m}: must be positive")
+        if self.passes < 1 or self.rounds < 0:
+            raise BadConfig(
+                f"long.passes = {self.passes}, rounds = {self.rounds}: at least 1 and 0"
+            )
+
+
+@dataclass(frozen=True, slots=True)
 class ParticleConfig:
     """Monte Carlo localisation on a known map."""
 

@@ -149,6 +149,7 @@ class Estimate:
         map_variance: (N, L) variances of all landmark parameters as they were known at each node,
             in the order of ``cov_joint``, NaN before a landmark was started; None for methods that
             have no such history, and for runs too large to keep it.
+        quantities: what the method found besides, by name: value and standard deviation.
     """
 
     method: str
@@ -170,6 +171,7 @@ class Estimate:
     counts: Mapping[str, int] = field(default_factory=dict)
     map_variance: Array | None = None
     innovation: Array | None = None
+    quantities: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         nodes, size, sightings = len(self.t), int(self.map.offsets()[-1]), len(self.match)
@@ -187,6 +189,7 @@ class Estimate:
             value = frozen(f"{self.method}.{name}", getattr(self, name), shape, dtype, nan)
             object.__setattr__(self, name, value)
         object.__setattr__(self, "counts", MappingProxyType(dict(self.counts)))
+        object.__setattr__(self, "quantities", MappingProxyType(dict(self.quantities)))
         if self.map_variance is not None:
             shape = (nodes, size - 3)
             value = frozen("map_variance", self.map_variance, shape, float, True)
@@ -221,6 +224,7 @@ class Estimate:
             "converged": self.converged,
             "engine": self.engine,
             "counts": dict(self.counts),
+            "quantities": {name: list(pair) for name, pair in self.quantities.items()},
             "kinds": list(self.map.kind),
             "unobserved": [entry.to_list() for entry in self.unobserved],
         }
@@ -254,6 +258,8 @@ class Estimate:
                 **{k[4:]: arrays.pop(k) for k in list(arrays) if k.startswith("map.")},
             )
             header["unobserved"] = unobserved
+            told = header.get("quantities", {})
+            header["quantities"] = {name: (value, sigma) for name, (value, sigma) in told.items()}
             columns: dict[str, Any] = {**arrays, **header}
             return Estimate(map=landmarks, **columns)
         except (KeyError, TypeError, ValueError) as error:

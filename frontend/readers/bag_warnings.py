@@ -73,23 +73,21 @@ def _doubtful(
                 f"{missing} (graphslam inspect {content.path} proposes one)"
             )
         yield from _unreadable(stream)
-    if log.scans is not None:
-        where = "" if choice.laser_known else _LASER_UNKNOWN
-        yield (
-            f"{log.labels['scans']}: scans are read, but no detector finds walls in them yet: they "
-            f"only say when there were scans{where}"
-        )
+    if log.scans is not None and not log.has_walls():
+        yield f"{log.labels['scans']}: not searched for walls, because there are images"
+    elif log.scans is not None and not choice.laser_known:
+        yield f"{log.labels['scans']}: {_LASER_UNKNOWN}"
     if choice.wheels is not None and log.wheels is None and log.robot is None:
         yield (
             f"{choice.wheels[0].label}: the wheels are not used, because nothing says how large "
             f"they are; odometry is ({log.labels['odometry']})"
         )
-    if not len(log.floor_images()):
+    if not len(log.floor_images()) and not log.has_walls():
         yield "no floor images: there is only odometry to estimate from"
 
 
 _LASER_UNKNOWN = (
-    "; tf does not say where the laser is: the robot's origin is assumed, [laser] pose in a robot "
+    "tf does not say where the laser is: the robot's origin is assumed, [laser] pose in a robot "
     "file says otherwise"
 )
 

@@ -160,11 +160,8 @@ def _doubtful(log: Log) -> Iterator[str]:
             "sightings.csv: images are not searched for lines, because lines already detected are "
             "there; images only say when there were images"
         )
-    if log.scans is not None:
-        yield (
-            "scans.npz: scans are read, but no detector finds walls in them yet: they only say "
-            "when there were scans"
-        )
+    if log.scans is not None and not log.has_walls():
+        yield "scans.npz: not searched for walls, because there are images or sightings.csv"
     if log.images is not None and log.omni and log.bearings is not None:
         yield (
             "bearings.csv: images are not searched for landmarks, because bearings already "

@@ -167,11 +167,15 @@ def trouble(seed: int) -> Mapping[str, Value]:
 
 def print_trouble(runs: int, jobs: int) -> None:
     """Prints how many poses were used, and how many of them were wrong."""
-    done = [run.values for run in run_seeded(trouble, runs, None, jobs=jobs)]
+    seeded = run_seeded(trouble, runs, None, jobs=jobs)
+    for run in seeded:
+        if run.error:
+            print(f"run {run.run} failed: {run.error}")
+    done = [run.values for run in seeded if not run.error]
     total = {key: sum(int(run[key]) for run in done) for key in done[0]}
     print(
-        f"{runs} seeds, {total['images']} images: {total['used']} poses used, {total['wrong']} of "
-        f"them wrong (beyond 6 sigma), {total['after']} with exchanged tags; "
+        f"{len(done)} seeds, {total['images']} images: {total['used']} poses used, "
+        f"{total['wrong']} of them wrong (beyond 6 sigma), {total['after']} with exchanged tags; "
         f"{total['told']} images or objects told as left out"
     )
 

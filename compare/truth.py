@@ -25,6 +25,7 @@ from graphslam.geometry import (
     position_along,
 )
 from graphslam.measurements import IntArray, Measurements
+from graphslam.models import MODELS
 from graphslam.models.line import LINE
 
 if TYPE_CHECKING:
@@ -123,7 +124,7 @@ def truth_of(log: Log | None, measurements: Measurements) -> Truth:
         pose=pose,
         truth_T_start=(
             np.zeros(3)
-            if _on_true_map(log, measurements, lines)
+            if _on_true_map(log, measurements, lines) or _placed(log, measurements)
             else _start_in_truth(measurements, *_path_at(measurements.t, t, pose))
         ),
         line_id=line_id,
@@ -189,6 +190,17 @@ def _start_in_truth(measurements: Measurements, at_nodes: Array, covered: BoolAr
     first = int(np.argmax(covered))
     driven = integrate(measurements.start_pose, measurements.odometry.increment[:first])
     return compose(at_nodes[first], inverse(driven[-1]))
+
+
+def _placed(log: Log | None, measurements: Measurements) -> bool:
+    """Returns whether sightings alone say where the path lies: no start is given, and fixes are.
+
+    The estimates then stand in the sensor's own frame, which is that of the truth.
+    """
+    if log is None or log.start_given:
+        return False
+    tables = measurements.sightings.items()
+    return any(not MODELS[kind].dim_landmark and len(table) for kind, table in tables)
 
 
 def _on_true_map(log: Log | None, measurements: Measurements, lines: Array) -> bool:

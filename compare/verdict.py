@@ -31,6 +31,8 @@ DISAGREE_SIGMAS = 3.0
 """Two maps contradict each other where they differ by more than this many sigmas (RMS)."""
 
 Side = Literal["filter", "smoother", "neither"]
+WITHOUT_MEMORY = ("triangulation", "fixes")
+"""Methods whose poses each rest on their own node's sightings."""
 Pair = tuple[MethodMetrics, MethodMetrics]
 
 
@@ -82,9 +84,11 @@ def verdict(comparison: Comparison) -> tuple[str, ...]:
 def filter_and_smoother(methods: Sequence[MethodMetrics]) -> Pair | None:
     """Returns the first causal method that uses sightings, and the smoother.
 
-    Where there is no smoother, the first other method that is not causal.
+    Methods without memory are no filters: they count only where there is no other. Where there is
+    no smoother, the first other method that is not causal.
     """
     causal = [m for m in methods if m.causal and m.sightings_used]
+    causal.sort(key=lambda m: m.method in WITHOUT_MEMORY)
     batch = sorted((m for m in methods if not m.causal), key=lambda m: m.method != "smoother")
     return (causal[0], batch[0]) if causal and batch else None
 

@@ -14,6 +14,7 @@ import numpy as np
 from frontend.config import DetectorConfig, ExtractConfig
 from frontend.findings import Evidence, Finding, odometry_findings
 from frontend.findings_seen import seen_findings
+from frontend.findings_tags import tag_findings
 from frontend.image_lines import lines_in_images
 from frontend.log import Log
 from frontend.moves import Moves, moves_of
@@ -171,7 +172,11 @@ def inspect(
         frames=sample,
         turns=turns,
         needs=tuple(_needs(log)),
-        findings=(*odometry_findings(evidence), *seen_findings(evidence)),
+        findings=(
+            *odometry_findings(evidence),
+            *seen_findings(evidence),
+            *tag_findings(log),
+        ),
         warnings=log.warnings,
     )
 
@@ -280,7 +285,7 @@ def _sources(log: Log) -> Iterator[Source]:
 def _needs(log: Log) -> Iterator[Need]:
     """Yields what is missing for each purpose."""
     images = log.images is not None and len(log.floor_images()) > 0
-    others = len(log.omni_images()) + len(log.overhead_images()) + len(log.ceiling_images()) > 0
+    others = len(np.setdiff1d(log.searched_images(), log.floor_images())) > 0
     given = log.sightings is not None and len(log.sightings.t) > 0
     fixes = log.pose_fixes is not None and len(log.pose_fixes.t) > 0
     points = any(part is not None and len(part.t) > 0 for part in (log.bearings, log.lamps))

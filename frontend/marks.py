@@ -19,6 +19,8 @@ from graphslam.measurements import Measurements, Sightings
 
 RING_PX = 7.0
 """Radius of the circle around a point that was found, pixels."""
+AXIS_M = 0.3
+"""Half the length of the stroke along a lamp's axis, m."""
 NOSE = 2.2
 """How far beyond the front tag the arrow of a heading points, times the tags' distance."""
 
@@ -94,6 +96,8 @@ def _looker(log: Log, camera: str) -> Looker:
         return _lines
     if camera in log.overhead:
         return _tags
+    if camera in log.ceiling:
+        return _lamps
     return _bearings if camera in log.omni else _nothing
 
 
@@ -173,3 +177,17 @@ def _bearings(
         for z, _ in _rows(log, measurements, "bearing", number)
     ]
     return marks, f"bearings: {len(marks)}"
+
+
+def _lamps(
+    log: Log, measurements: Measurements, number: int, config: ExtractConfig
+) -> tuple[list[Mark], str]:
+    assert log.images is not None
+    camera, marks = log.ceiling[log.images.camera[number]], []
+    for z, _ in _rows(log, measurements, "lamp", number):
+        along = AXIS_M * np.array([[np.cos(z[2]), np.sin(z[2])]])
+        ends = np.vstack([z[:2] - along, z[:2] + along])
+        pixels = camera.distort(camera.floor_to_pixel(np.vstack([z[None, :2], ends])))
+        if np.isfinite(pixels).all():
+            marks += [Mark(pixels[:1], True), Mark(pixels[1:], True)]
+    return marks, f"lamps: {len(marks) // 2}"

@@ -168,6 +168,8 @@ def _seen(
     rejected.update(seen.rejected)
     times = log.images.t[seen.source]
     node = np.searchsorted(nodes.t, times)
-    fixes = table(KIND, node, seen.z, seen.cov, times, source=seen.source)
+    cameras = [log.overhead[log.images.camera[number]] for number in seen.source.tolist()]
+    received = times + np.array([eye.camera.delay_s for eye in cameras], float)
+    fixes = table(KIND, node, seen.z, seen.cov, received, source=seen.source)
     law = config.tags.sigma_law
     return fixes, None if law == "measured" else tag_covariance(seen.cov, config.tags)

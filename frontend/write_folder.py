@@ -211,6 +211,8 @@ def _overhead(name: str, eye: OverheadCamera) -> Iterable[str]:
     yield from (f"[{table}]", 'looks_at = "overhead"')
     yield f"image_size = {list(eye.camera.image_size)}"
     yield from _lens(eye.camera)
+    if eye.camera.delay_s:
+        yield f"delay = {toml(eye.camera.delay_s)}"
     if eye.position is not None:
         yield f"position = {toml(eye.position)}"
     yield from ("", f"[{table}.tags]")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from frontend.camera import Camera
 from frontend.log import ImageList, Log, PoseTrack, Progress, Wheels, with_camera_offset
 from frontend.readers.bag_choice import Choice, choose
 from frontend.readers.bag_collect import collect
@@ -18,7 +19,7 @@ from frontend.readers.bag_places import BagImage, BagScan
 from frontend.readers.bag_times import Times, times_of
 from frontend.readers.bag_warnings import CURE_UNREADABLE, no_odometry, warnings_of, why
 from frontend.readers.folder_tables import read_map
-from frontend.readers.log_toml import floor_cameras
+from frontend.readers.log_toml import every_camera
 from frontend.readers.robot_toml import RobotFile, read_robot_file
 from frontend.recorded import ScanList
 from graphslam.errors import BadConfig, BadLog
@@ -43,7 +44,7 @@ def read_bag(path: Path, robot_file: Path | None = None, progress: Progress | No
     """
     robot = robot_of(robot_file)
     if robot_file is not None:
-        floor_cameras(robot_file, robot)  # what is wrong with them is told before the long part
+        every_camera(robot_file, robot)  # what is wrong with them is told before the long part
     return open_collected(open_content(path, progress), robot, robot_file)
 
 
@@ -62,16 +63,15 @@ def open_content(path: Path, progress: Progress | None = None) -> BagContent:
 
 def open_collected(content: BagContent, robot: RobotFile, robot_file: Path | None) -> Log:
     """Returns the log that a bag's content makes; raises BadLog where it makes none."""
-    cameras: dict[str, Camera] = {}
-    elsewhere: list[str] = []
+    cameras: dict[str, Mapping[str, Any]] = {"cameras": {}}
     if robot_file is not None:
-        cameras, elsewhere = floor_cameras(robot_file, robot)
+        cameras = every_camera(robot_file, robot)
     path, choice = content.path, choose(content, robot)
     drive = _drive(robot, robot_file, choice)
     wheels_used = choice.wheels is not None and drive is not None and _has_size(robot)
     if not wheels_used and choice.odometry is None:
         raise BadLog(no_odometry(content, choice))
-    used = _used(choice, cameras, wheels_used)
+    used = _used(choice, {*chain(*cameras.values())}, wheels_used)
     reference = "left" if wheels_used else "odometry"
     times = times_of(used, robot.time.stamp, reference)
     wheels, wheel_notes = _wheels(used, times) if wheels_used else (None, ())
@@ -89,7 +89,7 @@ def open_collected(content: BagContent, robot: RobotFile, robot_file: Path | Non
         name=bag_name(path, robot),
         folder=path,
         robot=drive,
-        cameras=cameras,
+        **cameras,
         start_pose=np.array(start.pose if start else (0.0, 0.0, 0.0)),
         start_sigma=np.array(start.sigma if start else (0.0, 0.0, 0.0)),
         start_given=start is not None,
@@ -107,7 +107,7 @@ def open_collected(content: BagContent, robot: RobotFile, robot_file: Path | Non
         described=NO_ROBOT if robot_file is None else robot_file.name,
     )
     notes = [f"{used[name].label}: {note}" for name, one in times.items() for note in one.notes]
-    notes += [*wheel_notes, *(f"camera {name!r}: not used by this version" for name in elsewhere)]
+    notes += wheel_notes
     log = replace(log, warnings=warnings_of(log, content, choice, robot_file, notes))
     if robot.time.camera_offset:
         log = replace(with_camera_offset(log, robot.time.camera_offset), offset_s=0.0)
@@ -127,7 +127,7 @@ def _drive(robot: RobotFile, path: Path | None, choice: Choice) -> DifferentialD
         raise BadLog(f"{path}: [robot] {refused}") from None
 
 
-def _used(choice: Choice, cameras: Mapping[str, Camera], wheels_used: bool) -> dict[str, Stream]:
+def _used(choice: Choice, cameras: Collection[str], wheels_used: bool) -> dict[str, Stream]:
     """Returns the streams that the log is made of, by their part."""
     used: dict[str, Stream] = {}
     if wheels_used:

@@ -67,7 +67,7 @@ def _doubtful(
     """Yields warnings about what is usable, but hardly meant."""
     missing = "give a robot file" if robot_file is None else f"describe it in {robot_file.name}"
     for camera, stream in choice.images.items():
-        if camera not in log.cameras:
+        if camera not in {*log.cameras, *log.omni, *log.overhead, *log.ceiling}:
             yield (
                 f"{stream.label}: its images are not used: camera {camera!r} is not described; "
                 f"{missing} (graphslam inspect {content.path} proposes one)"
@@ -82,8 +82,8 @@ def _doubtful(
             f"{choice.wheels[0].label}: the wheels are not used, because nothing says how large "
             f"they are; odometry is ({log.labels['odometry']})"
         )
-    if not len(log.floor_images()) and not log.has_walls():
-        yield "no floor images: there is only odometry to estimate from"
+    if not len(log.searched_images()) and not log.has_walls():
+        yield "no images that are searched: there is only odometry to estimate from"
 
 
 _LASER_UNKNOWN = (

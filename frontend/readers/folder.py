@@ -13,15 +13,7 @@ import numpy as np
 from frontend.log import DEFAULT_CAMERA, ImageList, Log, with_camera_offset
 from frontend.readers import folder_tables as tables
 from frontend.readers import point_tables as points
-from frontend.readers.log_toml import (
-    LogTable,
-    RobotTable,
-    floor_cameras,
-    omni_cameras,
-    overhead_cameras,
-    plane_cameras,
-    read_log_toml,
-)
+from frontend.readers.log_toml import LogTable, RobotTable, every_camera, read_log_toml
 from frontend.readers.scans_npz import read_scans
 from frontend.readers.video import VideoImage, read_video
 from graphslam.errors import BadConfig, BadLog
@@ -55,10 +47,7 @@ def read_folder(folder: Path) -> Log:
     """
     settings_path = folder / "log.toml"
     settings = read_log_toml(settings_path)
-    cameras, elsewhere = floor_cameras(settings_path, settings)
-    omni = omni_cameras(settings_path, settings)
-    overhead = overhead_cameras(settings_path, settings)
-    ceiling = plane_cameras(settings_path, settings, "ceiling")
+    cameras = every_camera(settings_path, settings)
     wheels = _optional(folder / "wheels.csv", tables.read_wheels)
     odometry = _optional(folder / "odometry.csv", tables.read_odometry)
     if wheels is None and odometry is None:
@@ -70,12 +59,14 @@ def read_folder(folder: Path) -> Log:
     others = _optional(folder / "landmarks.csv", points.read_landmarks)
     seen, notes = _images(folder, settings, settings_path)
     # images beside sightings only say when there were images: no camera has to be described
-    names = {*cameras, *elsewhere} or ({DEFAULT_CAMERA} if sightings is not None else set())
+    names = {name for sort in cameras.values() for name in sort} or (
+        {DEFAULT_CAMERA} if sightings is not None else set()
+    )
     log = Log(
         name=settings.name or folder.resolve().name or "log",
         folder=folder,
         robot=_robot(settings_path, settings.robot, wheels is not None),
-        cameras=cameras,
+        **cameras,
         start_pose=np.array(settings.start.pose if settings.start else (0.0, 0.0, 0.0)),
         start_sigma=np.array(settings.start.sigma if settings.start else (0.0, 0.0, 0.0)),
         start_given=settings.start is not None,
@@ -95,10 +86,7 @@ def read_folder(folder: Path) -> Log:
         ),
         lamps=_optional(folder / "lamps.csv", lambda path: points.read_lamps(path, others)),
         landmarks=others,
-        omni=omni,
         bearing_correction=settings.bearings,
-        overhead=overhead,
-        ceiling=ceiling,
     )
     warnings = (*notes, *_doubtful(log))
     log = replace(log, warnings=warnings, digest=_digest(log))

@@ -235,6 +235,20 @@ def overhead_cameras(path: Path, content: LogTable) -> dict[str, OverheadCamera]
     return cameras
 
 
+def every_camera(path: Path, content: LogTable) -> dict[str, Mapping[str, Any]]:
+    """Returns the cameras of each sort, under the name of the field of `Log` that holds them.
+
+    Raises:
+        BadLog: a camera is described wrongly.
+    """
+    return {
+        "cameras": floor_cameras(path, content)[0],
+        "omni": omni_cameras(path, content),
+        "overhead": overhead_cameras(path, content),
+        "ceiling": plane_cameras(path, content, "ceiling"),
+    }
+
+
 def _cameras(path: Path, content: LogTable) -> Iterator[tuple[str, str, Any, str]]:
     """Yields of each camera where it is described, its name, its table and where it looks."""
     tables = {f"cameras.{name}": (name, table) for name, table in content.cameras.items()}

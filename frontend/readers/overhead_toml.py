@@ -25,6 +25,7 @@ class OverheadTable:
     matrix: Matrix3 | None = None
     distortion: tuple[float, ...] | None = None
     lens: str = "plain"
+    delay: float = 0.0
 
     def camera(self, name: str) -> OverheadCamera:
         """Returns the camera; raises BadConfig where its numbers make none."""
@@ -38,5 +39,6 @@ class OverheadTable:
             matrix,
             distortion,
             self.lens,
+            delay_s=self.delay,
         )
         return OverheadCamera(plane, self.tags, self.position)

@@ -135,3 +135,14 @@ def test_what_is_not_printed_is_an_error_that_names_the_nearest() -> None:
         printed_paper("SantanaLoc").value("times_total")
     with pytest.raises(BadConfig, match="did you mean 'correct'"):
         printed_paper("SantanaSLAM").tables["matching"].column("corect")
+
+
+def test_atalis_angle_is_the_direction_of_its_position_and_the_filter_copies_it() -> None:
+    """Table II: an erratum. What it calls the rotation angle of the robot is atan2(y, x)."""
+    table = printed_paper("Atali").tables["positions"]
+    x, y, alpha = (
+        np.array(table.column(f"imaging {name}")) for name in ("x (m)", "y (m)", "alpha")
+    )
+    assert np.abs(np.arctan2(y, x) - alpha).max() < 0.0025
+    # R has no noise of the angle, so that the filter's is the camera's to the last digit
+    assert table.column("EKF alpha") == table.column("imaging alpha")

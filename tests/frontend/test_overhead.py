@@ -13,6 +13,7 @@ from frontend import overhead
 from frontend.camera import Camera
 from frontend.config import ExtractConfig, NoiseConfig, TagConfig
 from frontend.extract import extract, extraction_warnings
+from frontend.inspect import inspect
 from frontend.log import Log, open_log
 from frontend.overhead import OverheadCamera, TagMount, pose_of_tags
 from frontend.plausible import BREAKS, CONTRADICTED, TURNED
@@ -20,6 +21,7 @@ from frontend.pose_fixes import KIND
 from frontend.simulate import Scenario, load_scenario, simulate, simulate_log
 from frontend.simulate.workspace import ColouredObject
 from frontend.tags import SeenTags, detect_tags, tag_covariance
+from frontend.write_bag import robot_file_text, write_bag
 from graphslam.errors import BadConfig, BadLog
 from graphslam.geometry import Array, compose, interpolate_poses, transform_points, wrap
 from graphslam.measurements import Measurements
@@ -287,6 +289,38 @@ def test_atalis_process_noise_depends_on_time_alone(small: Scenario) -> None:
     measurements = extract(log, ExtractConfig(noise=NoiseConfig(process_mps=2.0)))
     dt = np.diff(measurements.t)
     assert np.allclose(measurements.odometry.cov, np.square(2.0 * dt)[:, None, None] * np.eye(3))
+
+
+def test_a_bag_with_overhead_images_gives_the_same_poses(small: Scenario, tmp_path: Path) -> None:
+    short = replace(small, path=small.path[:1])
+    log = open_log(simulate(short, tmp_path / "log", seed=2))
+    write_bag(log, tmp_path / "x.mcap", "mcap")
+    (tmp_path / "robot.toml").write_text(robot_file_text(log))
+    bag = open_log(tmp_path / "x.mcap", tmp_path / "robot.toml")
+    found, before = extract(bag).sightings[KIND], extract(log).sightings[KIND]
+    assert len(found) == len(before) > 8
+    assert np.allclose(found.z, before.z, atol=1e-9)
+
+
+def test_what_a_camera_shows_may_be_known_later(small: Scenario, tmp_path: Path) -> None:
+    folder = simulate(replace(small, path=small.path[:1]), tmp_path / "log", seed=2)
+    text = (folder / "log.toml").read_text()
+    (folder / "log.toml").write_text(text.replace("image_size", "delay = 0.3\nimage_size"))
+    measurements = extract(open_log(folder))
+    fixes = measurements.sightings[KIND]
+    assert np.allclose(fixes.t_received - measurements.t[fixes.node], 0.3)
+
+
+def test_inspect_tells_why_a_camera_hardly_sees_the_tags(small: Scenario, tmp_path: Path) -> None:
+    folder = simulate(replace(small, path=small.path[:1]), tmp_path / "log", seed=2)
+    good = inspect(open_log(folder))
+    assert not good.findings
+    assert not next(need for need in good.needs if need.purpose == "ekf").missing
+    text = (folder / "log.toml").read_text()
+    (folder / "log.toml").write_text(text.replace("front = [0.12", "front = [0.2"))
+    (finding,) = inspect(open_log(folder)).findings
+    assert overhead.APART in finding.found
+    assert "[cameras.overhead.tags]" in finding.cure
 
 
 LOG_TOML = """

@@ -79,6 +79,9 @@ def test_filter_and_smoother_know_no_kind_of_sighting_by_name() -> None:
         source = path.read_text(encoding="utf-8")
         assert '"line"' not in source, path
         assert '"pose_fix"' not in source, path
+        for kind in ("lamp", "bearing"):
+            assert f'"{kind}"' not in source, path
+            assert f"models.{kind}" not in source, path
         assert "models.line" not in source, path
 
 

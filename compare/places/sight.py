@@ -10,8 +10,8 @@ from compare.places.building import Building
 from frontend.camera import Camera
 from graphslam.estimate import Estimate
 from graphslam.geometry import Array, compose, interpolate_poses, inverse, rotate_covariance
-from graphslam.landmarks import known_count
-from graphslam.measurements import Measurements, Sightings
+from graphslam.measurements import IntArray, LandmarkMap, Measurements, Sightings
+from graphslam.models.lamp import LAMP
 
 MARGIN = 0.15
 """Share of the sight, at each of its borders, where a lamp may be in view or not."""
@@ -22,6 +22,8 @@ LEAST_FRAMES = 5
 UNLIKELY = 1e-4
 """Probability of being missed by chance below which a lamp is out of order."""
 SUREST = 0.95
+SAME_M = 0.5
+"""Lamps of map and log that are closer than this are the same; lamps are farther apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +107,17 @@ class LampRecord:
     dark: bool
 
 
+def _same_lamps(building: Building, known: LandmarkMap) -> IntArray:
+    """Returns the number of the building's lamp that each known landmark (M,) is; -1 for none."""
+    lamps, same = building.landmarks(), np.full(len(known), -1)
+    rows, places = known.of_kind(LAMP.kind)
+    away = np.hypot(*(places[:, None, :2] - lamps.params[:, :2]).transpose(2, 0, 1))
+    near = away.argmin(axis=1)
+    found = away[np.arange(len(rows)), near] <= SAME_M
+    same[rows[found]] = lamps.id[near[found]]
+    return same
+
+
 def lamp_records(
     building: Building,
     measurements: Measurements,
@@ -113,20 +126,23 @@ def lamp_records(
 ) -> tuple[LampRecord, ...]:
     """Returns what became of each lamp of the map that was seen or should have been.
 
+    Nothing where lamps are mapped, not known: then the path does not tell which lamp is which.
+
     Args:
-        building: its lamps are the known landmarks of the measurements.
+        building: its lamps; those that lie where lamps known to the measurements do are the same.
         measurements: with sightings of lamps.
         estimate: made from them.
         camera: that looks at the ceiling, where one is known.
     """
     table = measurements.sightings.get("lamp")
     sight = None if table is None else Sight.of(table, measurements.t, camera)
-    if table is None or sight is None:
+    known = measurements.known
+    if table is None or sight is None or known is None or LAMP.kind not in known.kind:
         return ()
     first = next(first for first, own in measurements.tables() if own is table)
     match = estimate.match[first : first + len(table)]
-    known = known_count(measurements)
-    ids = estimate.map.id[match[(match >= 0) & (match < known)]]
+    same = _same_lamps(building, known)
+    ids = same[match[(match >= 0) & (match < len(known))]]
     frames = sight.frames(measurements.t)
     pose = interpolate_poses(frames, estimate.t, estimate.pose)
     robot = rotate_covariance(estimate.cov_floor, -estimate.pose[:, 2])

@@ -66,6 +66,12 @@ def images(rows: str = "0,a.png\n1,b.png\n", camera: str = CAMERA, **more: Any) 
     return {"log_toml": LOG_TOML + camera, **files, **more}
 
 
+def ceiling(image: bytes, **more: Any) -> dict[str, Any]:
+    files = {"log_toml": LOG_TOML + UP, "images_csv": "t,file,camera\n0,a.png,up\n1,b.png,up\n"}
+    blank = cv2.imencode(".png", np.zeros((24, 32), np.uint8))[1].tobytes()
+    return {**files, "a_png": image, "b_png": blank, **more}
+
+
 def settings(text: str) -> dict[str, Any]:
     return {"log_toml": text}
 
@@ -104,6 +110,15 @@ homography = [[20.0, 0.0, 2.0], [0.0, -20.0, 20.0], [0.0, 0.0, 1.0]]
 [cameras.above.tags]
 front = [0.12, 0.0]
 """
+UP = """
+[cameras.up]
+looks_at = "ceiling"
+image_size = [32, 24]
+homography = [[25.0, 0.0, 15.5], [0.0, 25.0, 11.5], [0.0, 0.0, 1.0]]
+"""
+LAMP_AT_THE_BORDER = np.zeros((24, 32), np.uint8)
+LAMP_AT_THE_BORDER[8:14, :13] = 255
+CUT_LAMP = cv2.imencode(".png", LAMP_AT_THE_BORDER)[1].tobytes()
 TAGS = "t,x,y,theta\n0,0,0,0\n0.5,0.25,0,0\n1,0.5,0,0\n"
 
 ERRORS = [
@@ -271,7 +286,12 @@ ERRORS = [
         (*EXTRACT, "--overlay", "DIR/pictures"),
         lambda folder: write_file(folder / "pictures" / "precious.txt"),
     ),
-    Case("has no floor images to draw", (), {}, (*EXTRACT, "--overlay", "DIR/pictures")),
+    Case(
+        "has no images of floor or ceiling to draw on",
+        (),
+        {},
+        (*EXTRACT, "--overlay", "DIR/pictures"),
+    ),
     Case(
         "its lines are those of sightings.csv",
         (),
@@ -325,6 +345,10 @@ WARNINGS = [
         "a_png": PNG,
         "tags_csv": TAGS,
     }),
+    Case("images of the ceiling that could not be read", ("left out: 1",), ceiling(b"cut")),
+    Case("no lamp was seen", ("--extract.lamps.size-m",), ceiling(PNG)),
+    Case("lamps cut by the image's border", ("left out: 1",), ceiling(CUT_LAMP)),
+    Case("lamps.csv: images are not searched", (), ceiling(PNG, lamps_csv="t,x,y,phi\n0,1,0,0\n")),
     Case("not all of the bag could be read", ("no index",), {}, BAG, half_a_bag),
 ]  # fmt: skip
 

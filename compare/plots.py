@@ -12,10 +12,12 @@ from compare.plots_sightings import (
 )
 from compare.plots_style import Plot, style
 from compare.plots_uncertainty import line_variance, pose_consistency, variances
+from compare.plots_walls import walls
 from compare.record import Record
 
 DRAWINGS = (
     floor_plan,
+    walls,
     errors_over_time,
     map_errors,
     matches_per_line,

@@ -1,0 +1,51 @@
+"""The floor plan of walls: what several scans saw, with doors left open."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compare.config import RunConfig
+from compare.plots_walls import wall_parts
+from compare.run import suited
+from frontend.log import open_log
+from graphslam.baseline import dead_reckoning
+from graphslam.measurements import LandmarkMap, Measurements, Odometry, Sightings
+
+
+def test_a_wall_is_drawn_where_two_scans_saw_it_and_a_door_stays_open():
+    extent = np.array([[0.0, 1.0], [0.5, 2.0], [0.7, 1.8], [5.0, 6.0], [5.1, 5.9]])
+    count = len(extent)
+    none = np.full(count, -1)
+    lines = Sightings(
+        "line", np.arange(count), np.tile([2.0, 0.0], (count, 1)),
+        np.tile(1e-4 * np.eye(2), (count, 1, 1)), extent, np.arange(count, dtype=float),
+        np.ones(count), none, none,
+    )  # fmt: skip
+    still = Odometry(np.zeros((count - 1, 3)), np.tile(1e-6 * np.eye(3), (count - 1, 1, 1)))
+    measurements = Measurements(
+        np.arange(count, dtype=float), np.zeros(3), 1e-12 * np.eye(3), still, {"line": lines}
+    )
+    wall = LandmarkMap(
+        np.array([0]), ("line",), np.array([[2.0, 0.0]]), np.array([[0.0, 6.0]]), np.array([count])
+    )
+    estimate = replace(
+        dead_reckoning(measurements), map=wall, cov_joint=1e-6 * np.eye(5),
+        match=np.zeros(count, np.int64), used=np.ones(count, bool), method="loops",
+    )  # fmt: skip
+    parts = wall_parts(measurements, estimate)
+    assert parts[:, :, 0] == pytest.approx(2.0)
+    assert parts[:, :, 1] == pytest.approx(np.array([[0.5, 1.8], [5.1, 5.9]]))
+
+
+def test_a_laser_has_its_own_methods_unless_others_are_chosen(tmp_path: Path):
+    scan = "FLASER 2 1 1 0 0 0 {n} 0 0 {n} host 0\n"
+    path = tmp_path / "run.clf"
+    path.write_text("".join(scan.format(n=n) for n in range(3)))
+    log = open_log(path)
+    assert suited(RunConfig(), log).methods == RunConfig().laser_methods
+    chosen = RunConfig(methods=("odometry", "ekf"))
+    assert suited(chosen, log) is chosen

@@ -297,6 +297,10 @@ def _needs(log: Log) -> Iterator[Need]:
     yield Need("odometry", ())
     yield Need("ekf", lines)
     yield Need("smoother", lines)
+    bearings = len(log.omni_images()) or (log.bearings is not None and len(log.bearings.t))
+    if bearings:
+        known = log.landmarks is not None and len(log.landmarks.of_kind("bearing")[0]) > 2
+        yield Need("triangulation", () if known else ("landmarks.csv with three points or more",))
     yield Need("judging the path", path)
     yield Need("judging the map", lines_true)
     yield Need("judging consistency", (*path, *start))

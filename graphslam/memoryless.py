@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from itertools import product
-from math import prod
+from math import perm, prod
 
 import numpy as np
 
@@ -145,14 +144,22 @@ def _namings(possible: Array) -> Iterator[IntArray]:
     Raises:
         UnderConstrained: there are too many, or a sighting has none.
     """
-    options = [np.flatnonzero(row).tolist() for row in possible]
+    options = [tuple(np.flatnonzero(row).tolist()) for row in possible]
     if not options or not all(options):
         raise UnderConstrained(NO_FIT)
-    if prod(map(len, options)) > MOST_NAMINGS:
+    if prod(perm(len(same), count) for same, count in Counter(options).items()) > MOST_NAMINGS:
         raise UnderConstrained(AMBIGUOUS)
-    for chosen in product(*options):
-        if len(set(chosen)) == len(chosen):
-            yield np.array(chosen)
+    yield from (np.array(chosen) for chosen in _chosen(options, ()))
+
+
+def _chosen(options: list[tuple[int, ...]], taken: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+    """Yields every way to go on from what is taken, no landmark twice."""
+    if len(taken) == len(options):
+        yield taken
+        return
+    for landmark in options[len(taken)]:
+        if landmark not in taken:
+            yield from _chosen(options, (*taken, landmark))
 
 
 def _apart(a: Fix, b: Fix) -> bool:

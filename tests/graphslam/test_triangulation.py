@@ -19,6 +19,7 @@ from graphslam.triangulation import (
     three_cones,
 )
 from tests.graphslam.test_bearing_model import reading
+from tests.worlds import CONES as AROUND
 from tests.worlds import bearing_drive
 
 CONES = np.array([[0.0, 0.0], [0.0, 0.7], [1.0, 0.0]])
@@ -129,6 +130,18 @@ def test_colours_tell_who_is_who_where_they_repeat() -> None:
     assert np.array_equal(estimate.match[estimate.used], table.truth[estimate.used])
     by_truth = triangulate(measurements, BY_TRUTH)
     assert np.abs(by_truth.pose - truth)[:, :2].max() < 0.05
+
+
+def test_nine_points_of_four_colours_are_told_apart() -> None:
+    """Each colour two or three times: 48 ways to name them, of which one gives a pose."""
+    points = np.vstack([AROUND, [[2.0, 7.0], [-3.0, 2.0], [7.0, 2.2]]])
+    measurements, truth = bearing_drive(
+        1, 15, points, np.array([0, 1, 2, 3, 1, 0, 2, 3, 0]), known=True, bearing_sigma=2e-3
+    )
+    estimate = triangulate(measurements)
+    assert estimate.counts == {}
+    assert np.array_equal(estimate.match, measurements.sightings["bearing"].truth)
+    assert np.abs(estimate.pose - truth)[:, :2].max() < 0.05
 
 
 def test_nodes_without_three_bearings_go_on_by_odometry_and_are_counted() -> None:

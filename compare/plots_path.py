@@ -67,8 +67,9 @@ def floor_plan(record: Record) -> Plot:
     legend(made, handlelength=2.2, columnspacing=1.6)
     drawn = "" if step == 1 else f" Every {_ordinal(step)} node is drawn."
     lines = " Dashed: true lines." if len(record.true_lines) else ""
+    of_points = ""
     if any(len(point_rows(e.map)) for e in record.estimates.values()):
-        lines += " Dots: estimated points, with their ellipses."
+        lines, of_points = f"{lines} Dots: estimated points.", ", and points that are not known,"
     lines += " Triangles: true points." if len(record.true_points) else ""
     if any(u.direction != (0.0, 0.0) for e in record.estimates.values() for u in e.unobserved):
         drawn += " Double arrows: directions of the last position that no sighting fixes."
@@ -82,7 +83,7 @@ def floor_plan(record: Record) -> Plot:
         "Floor plan",
         "Floor frame, metres. Coloured lines: estimated lines, over the stretch where they were "
         "seen, or right across where that is not known."
-        f"{lines} Ellipses: the last pose with {ELLIPSE_PROBABILITY:.0%} probability "
+        f"{lines} Ellipses: the last pose{of_points} with {ELLIPSE_PROBABILITY:.0%} probability "
         f"({ELLIPSE_SCALE:.2f} sigma).{drawn}",
         to_svg(made, "floor-plan", "Floor plan of paths and lines"),
         _plan_data(record, step),

@@ -102,6 +102,12 @@ class Papers:
                 return study
         raise KeyError(f"{key}, {variant}")
 
+    def variant(self, key: str, variant: str = EXACT) -> MonteCarlo:
+        """Returns one study by those seeds only that every variant has."""
+        study = self.study(key, variant)
+        fewest = min(runs_under(name, self.runs) for name in VARIANTS)
+        return replace(study, runs=study.runs[:fewest])
+
     @property
     def failed(self) -> tuple[SeededRun, ...]:
         """The runs that failed, of all studies."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.ticker import FuncFormatter, LogLocator
 from scipy.stats import chi2
 
 from compare.plots_path import shade_ways
@@ -102,6 +103,8 @@ def line_variance(record: Record) -> Plot | None:
     for ax, (symbol, unit, _) in zip(grid[0], LINE_QUANTITIES, strict=True):
         unit = SYMBOLS.get(unit, unit)
         ax.set(xlabel="time (s)", ylabel=f"variance of {symbol} ({unit}²)", yscale="log")
+        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         ax.minorticks_off()
     legend(made, *grid[0][0].get_legend_handles_labels())
     return Plot(

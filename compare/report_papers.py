@@ -109,15 +109,15 @@ def _along(study: MonteCarlo) -> str:
 
 def why_smaller(papers: Papers) -> list[str]:
     """Returns what the variants say about errors that are smaller than the printed ones."""
-    plain = papers.study("experiment-1")
-    exact, views = plain.median("ekf.final_error_m"), plain.median("views_per_pass")
+    plain = papers.variant("experiment-1")
+    ends, views = plain.median("ekf.final_error_m"), plain.median("views_per_pass")
     camera, map_, held, threefold = (
-        papers.study("experiment-1", variant)
+        papers.variant("experiment-1", variant)
         for variant in ("camera", "map", "noise held", "noise held, threefold")
     )
     return [
         f"With exact camera and map, and noise that is new in every frame, the EKF ends "
-        f"{_metres(exact)} off. The robot sees a line {views:.0f} times whenever it drives over "
+        f"{_metres(ends)} off. The robot sees a line {views:.0f} times whenever it drives over "
         "it, so independent noise averages out.",
         "A calibration that is off by the paper’s 1.5 cm bends the path "
         f"({_metres(camera.median('ekf.rmse_m'))} RMS) and makes sightings miss their gate "

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from compare.metrics import rms
-from compare.papers import MonteCarlo, Papers, runs_under
+from compare.papers import MonteCarlo, Papers
 from compare.papers_experiments import EXACT, VARIANTS, Experiment, seen_figures, shares
 from compare.plots_papers import line_names
 from compare.printed import PrintedPaper, printed_paper
@@ -169,8 +169,7 @@ def variant_rows(papers: Papers, key: str) -> list[dict[str, Any]]:
     """Returns what each variant does to an experiment, medians over the same seeds."""
     rows = []
     for variant in VARIANTS:
-        study = papers.study(key, variant)
-        study = replace(study, runs=study.runs[: runs_under("camera", papers.runs)])
+        study = papers.variant(key, variant)
         figures = [f"{method}.final_error_m" for method in SHOWN]
         figures += ["geometric.rmse_m", "ekf.rmse_m"]
         cells = [fixed(study.median(figure), 3) for figure in figures]

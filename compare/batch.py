@@ -130,6 +130,9 @@ def _anywhere(config: RunConfig) -> RunConfig:
     """Returns a configuration that means the same in every working directory."""
     if config.places is not None:
         config = replace(config, places=str(Path(config.places).resolve()))
+    if config.extract.robot is not None:
+        robot = str(Path(config.extract.robot).resolve())
+        config = replace(config, extract=replace(config.extract, robot=robot))
     if config.known_map is None:
         return config
     return replace(config, known_map=str(Path(config.known_map).resolve()))

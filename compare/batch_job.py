@@ -89,9 +89,9 @@ def reason_of(error: BaseException) -> str:
 
 
 def _compute(job: Job) -> Done:
-    from compare.run import open_as, run_opened
+    from compare.run import open_as, run_opened, settings_for
 
-    config = job.config
+    config = settings_for(job.log, job.config)
     log = open_as(job.log, config)
     if config.extract.workers == 0:  # the other cores have jobs of their own
         config = replace(config, extract=replace(config.extract, workers=1))

@@ -23,7 +23,7 @@ from compare.report import IndexEntry, check_index, write_index, write_report
 from compare.results import RUN_FORMAT, check_replaceable, whole_folder, write_json
 from compare.truth import truth_of
 from frontend.extract import extract, extraction_warnings
-from frontend.log import Log, open_log, with_camera_offset
+from frontend.log import Log, is_log_folder, open_log, with_camera_offset
 from frontend.overlay_frames import check_overlays, write_overlays
 from graphslam.estimate import Estimate
 from graphslam.measurements import Measurements
@@ -137,10 +137,23 @@ def run_logs(
     out = RESULTS if out is None else Path(out)
     check_index(out)
     taken: set[str] = set()
-    outcomes = tuple(_attempt(Path(path), out, taken, config, progress) for path in paths)
+    config = config or RunConfig()
+    outcomes = tuple(
+        _attempt(Path(path), out, taken, settings_for(path, config), progress) for path in paths
+    )
     with writing(out):
         write_index(out, [_index_entry(outcome) for outcome in outcomes])
     return outcomes
+
+
+def settings_for(path: Path | str, config: RunConfig) -> RunConfig:
+    """Returns the settings of one log among several: a robot file is for bags only.
+
+    Log folders describe their robot themselves.
+    """
+    if config.extract.robot is None or not is_log_folder(Path(path)):
+        return config
+    return replace(config, extract=replace(config.extract, robot=None))
 
 
 def open_as(

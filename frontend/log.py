@@ -393,12 +393,17 @@ def open_log(
     )
 
 
+def is_log_folder(path: Path) -> bool:
+    """Returns whether there is a log folder, which describes its robot itself, at ``path``."""
+    return (path / "log.toml").exists()
+
+
 def _what_is(path: Path) -> str:
     """Returns the name of the format, or what else is at ``path``."""
     from frontend.readers.bag_files import is_bag
     from frontend.readers.carmen import is_carmen
 
-    if (path / "log.toml").exists():
+    if is_log_folder(path):
         return "folder"
     if is_bag(path):
         return "bag"

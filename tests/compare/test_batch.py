@@ -27,9 +27,11 @@ from compare.batch_table import Failure, Row, duels, read_result, summarise
 from compare.batch_workers import DIED, in_processes, on_cluster
 from compare.cli import main
 from compare.config import RunConfig
+from frontend.write_bag import write_bag
 from graphslam.errors import BadConfig, GraphSlamError
 from tests.compare.batch_logs import QUICK, computed, corrupt, final_files, write_logs
 from tests.compare.tiny_log import write_tiny_log
+from tests.frontend.recordings import short_log, write_folder, write_robot_file
 
 
 @pytest.fixture(scope="module")
@@ -453,3 +455,18 @@ def test_progress_tells_failures_and_the_time_left_by_what_was_computed(
 )
 def test_duration_is_told_as_coarsely_as_a_guess_deserves(seconds: float, text: str) -> None:
     assert duration(seconds) == text
+
+
+def test_a_robot_file_goes_with_the_bags_among_log_folders(tmp_path: Path) -> None:
+    recorded = short_log(2.0)
+    write_bag(recorded, tmp_path / "logs" / "drive.mcap", "mcap")
+    write_folder(recorded, tmp_path / "logs" / "folder")
+    robot = write_robot_file(recorded, tmp_path / "robot.toml")
+    out = tmp_path / "out"
+    quick = ["--jobs", "1", "--no-reports", "--methods", "ekf", "--robot", str(robot)]
+    assert main(["batch", str(tmp_path / "logs"), "--out", str(out), *quick]) == 0
+    assert len(rows_of(out / "batch.csv")) == 2
+    together = [str(tmp_path / "logs" / name) for name in ("drive.mcap", "folder")]
+    both = ["--out", str(tmp_path / "run"), "--methods", "ekf", "--robot", str(robot)]
+    assert main(["run", *together, *both]) == 0
+    assert main(["run", together[1], *both]) == 1  # nothing there that the file goes with

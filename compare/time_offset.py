@@ -1,10 +1,15 @@
 """The constant offset between the clocks of camera and wheels: estimated, with its sigma.
 
 Coarsely by correlation: the lines turn in the image as the wheels turn the robot, so the offset is
-where both agree best (`frontend.turning`). Finely by the smoother: moving all images by an offset
-changes the odometry between them and nothing else, so with matches held fixed the smoother's cost
-is a smooth function of the offset; its minimum is the estimate, and its curvature there the
-information about it.
+where both agree best (`frontend.turning`), then where the smoother's cost is least on a grid.
+Finely by the smoother with matches held fixed: each sighting is taken from where the wheels'
+velocity brings the robot a little earlier or later, and the odometry between the images stays as it
+is. The least cost is the estimate, its curvature there the information about it; the images are
+moved by what was found, and again until nothing is left to move.
+
+The odometry must not be cut anew for each offset that is tried: where a cut falls within a reading
+of the encoders, its noise is shared by two increments, and the cost falls by several units whatever
+the clocks say, most half way between two readings.
 """
 
 from __future__ import annotations
@@ -25,7 +30,15 @@ from frontend.nodes import odometry_at, odometry_times
 from frontend.turning import LARGEST_SHIFT_S, check_turns
 from graphslam.errors import BadLog
 from graphslam.estimate import Estimate
+from graphslam.geometry import (
+    Array,
+    between,
+    interpolate_poses,
+    line_to_floor,
+    twist_motion,
+)
 from graphslam.measurements import Measurements
+from graphslam.models.line import LINE
 
 Progress = Callable[[str, int, int], None]
 
@@ -33,6 +46,11 @@ GRIDS = ((0.04, 5), (0.01, 4))
 """Searches along a grid, one after the other: its step, s, and how many steps either way."""
 STEP_S = 0.005
 """Distance of the three points that the last parabola goes through, s."""
+VELOCITY_S = 0.25
+"""Velocities are means over this time either way, s: the noise of the encoders in shorter ones
+would count as information about the clocks."""
+ROUNDS, STILL_S = 8, 2e-4
+"""How often at most the images are moved, and a move, s, after which they are not moved again."""
 MARGIN_S = 0.5
 """Images this close to the ends of the wheel record are left out, s: offsets may not move them
 over it."""
@@ -47,7 +65,8 @@ class TimeOffset:
     Attributes:
         offset_s: to add to the times of images and sightings, s.
         sigma_s: its standard deviation, s, from the curvature of the cost, with the noise scaled
-            to the residuals where they are larger than stated.
+            to the residuals where they are larger than stated, and with the last move where the
+            images were still moved by more than `STILL_S`.
         coarse_s: the same by correlation of the turning, s; NaN where too little turned.
         nodes: images or moments of sightings used.
         sightings: line sightings used.
@@ -96,8 +115,11 @@ def estimate_time_offset(
         offset = profile.search(offset, step, reach)
     tell(f"{log.name}: time offset", len(GRIDS), total)
     profile.match_at(offset)
-    offset, _ = profile.parabola(offset, 2 * STEP_S)
-    offset, sigma = profile.parabola(offset, STEP_S)
+    for _ in range(ROUNDS):
+        move, sigma = profile.parabola(offset)
+        offset += move
+        if abs(move) < STILL_S:
+            break
     tell(f"{log.name}: time offset", total, total)
     return TimeOffset(
         offset_s=offset,
@@ -194,21 +216,23 @@ class _Profile:
             )
 
     def moved(self, offset: float) -> Measurements:
-        """Returns the measurements with all images moved by an offset, s."""
+        """Returns odometry and sightings of lines with all images moved by an offset, s."""
         base, noise = self.base, self.config.extract.noise
         t = base.t + offset
-        tables = {
-            kind: replace(table, t_received=table.t_received + offset)
-            for kind, table in base.sightings.items()
-        }
-        return replace(base, t=t, odometry=odometry_at(self.log, t, noise), sightings=tables)
+        lines = base.sightings[LINE.kind]
+        lines = replace(lines, t_received=lines.t_received + offset)
+        odometry = odometry_at(self.log, t, noise)
+        return replace(base, t=t, odometry=odometry, sightings={LINE.kind: lines})
 
     def cost(self, offset: float) -> float:
         """Returns half the sum of squared normalised residuals at the best path and map."""
+        return self._least(self.moved(offset))
+
+    def _least(self, measurements: Measurements) -> float:
         from graphslam.smoother import smooth
 
         assert self._at is not None, "matched before"
-        return smooth(self.moved(offset), self._at, self._smoother).cost
+        return smooth(measurements, self._at, self._smoother).cost
 
     def search(self, offset: float, step: float, reach: int) -> float:
         """Returns the offset of the least cost on a grid about one, matches made there.
@@ -230,17 +254,48 @@ class _Profile:
             "see graphslam inspect"
         )
 
-    def parabola(self, offset: float, step: float) -> tuple[float, float]:
-        """Returns the minimum of a parabola through three offsets, and its sigma, s."""
-        low, middle, high = (self.cost(offset + k * step) for k in (-1, 0, 1))
-        curvature = (high - 2.0 * middle + low) / step**2
+    def parabola(self, offset: float) -> tuple[float, float]:
+        """Returns how much further, s, the cost is least, and the standard deviation of that, s."""
+        moved = self.moved(offset)
+        velocity = velocity_at(self.log, moved.t)
+        low, middle, high = (
+            self._least(_taken_later(moved, velocity, k * STEP_S)) for k in (-1, 0, 1)
+        )
+        curvature = (high - 2.0 * middle + low) / STEP_S**2
         if not curvature > 0.0:
             raise BadLog(
                 f"{self.log.folder}: the cost hardly depends on the offset: the robot turns too "
                 "little while lines are seen; drive some turns"
             )
-        move = -(high - low) / (2.0 * step * curvature)
+        move = float(np.clip(-(high - low) / (2.0 * STEP_S * curvature), -0.02, 0.02))
         assert self._at is not None, "matched before"
         freedom = max(1, 2 * self.used - 2 * len(self._at.map.kind))
         scale = max(1.0, 2.0 * middle / freedom)
-        return offset + float(np.clip(move, -2.0 * step, 2.0 * step)), math.sqrt(scale / curvature)
+        still = move if abs(move) > STILL_S else 0.0
+        return move, math.hypot(math.sqrt(scale / curvature), still)
+
+
+def velocity_at(log: Log, t: Array) -> Array:
+    """Returns the velocity (N, 3) by odometry about times (N,), ``(v_x, v_y, omega)``, robot frame.
+
+    Means over `VELOCITY_S` either way; m/s and rad/s.
+    """
+    moves = moves_of(log)
+    ends = [interpolate_poses(t + way * VELOCITY_S, moves.t, moves.pose()) for way in (-1, 1)]
+    step = between(*ends)
+    # the chord lies along the arc's middle, where its twist points forward
+    half = 0.5 * step[:, 2]
+    c, s = np.cos(half), np.sin(half)
+    x, y = c * step[:, 0] + s * step[:, 1], -s * step[:, 0] + c * step[:, 1]
+    arc = 1.0 / np.sinc(half / math.pi)
+    return np.column_stack([arc * x, arc * y, step[:, 2]]) / (2.0 * VELOCITY_S)
+
+
+def _taken_later(measurements: Measurements, velocity: Array, later: float) -> Measurements:
+    """Returns the sightings of lines as if taken from where the robot is ``later`` s later.
+
+    Only their values change; what a shift of some millimetres does to the covariances is left out.
+    """
+    lines = measurements.sightings[LINE.kind]
+    z = line_to_floor(lines.z, twist_motion(later * velocity[lines.node]))
+    return replace(measurements, sightings={LINE.kind: replace(lines, z=z)})

@@ -24,7 +24,7 @@ from compare.consistency import (
     overconfidence,
     surprise,
 )
-from compare.maps import MapMetrics, map_metrics
+from compare.maps import MapMetrics, common_direction, map_metrics
 from compare.matching import MatchingTable, matching_table
 from compare.metrics import TrajectoryMetrics, pose_nees, rms, trajectory
 from compare.points import PointMetrics, point_metrics
@@ -55,6 +55,8 @@ class MethodMetrics:
         points: errors of the map's points; None without true points, or without points to judge.
         consistency: squared errors over covariances along the way; None where `pose_nees` is not
             defined.
+        direction_sigma_deg: how surely the map's lines' mean direction is known in the floor frame,
+            degrees; NaN without lines. Where all run one way it is the open direction's.
         innovations: squared innovations over covariances along the way; None for methods that
             predict no sightings.
         map: errors of the map; None without true lines, or without lines in the map.
@@ -97,6 +99,7 @@ class MethodMetrics:
     consistency: Consistency | None = None
     innovations: Innovations | None = None
     points: PointMetrics | None = None
+    direction_sigma_deg: float = float("nan")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "counts", MappingProxyType(dict(self.counts)))
@@ -246,6 +249,7 @@ def _judge(
         iterations=estimate.iterations,
         engine=estimate.engine,
         converged=estimate.converged,
+        direction_sigma_deg=common_direction(estimate)[1],
         innovations=innovations(estimate, measurements.driven(), SHARES),
         points=point_metrics(estimate, measurements, truth, start_known),
     )

@@ -199,6 +199,24 @@ def line_sigmas(estimate: Estimate, rows: IntArray, middle: Array) -> tuple[Arra
     return np.sqrt(variance), np.sqrt(cov[:, 1, 1])
 
 
+def common_direction(estimate: Estimate) -> tuple[float, float]:
+    """Returns the mean normal of a map's lines and its standard deviation, floor frame, degrees.
+
+    Lines count by their sightings; the normal lies from 0 to 180. It makes sense where all lines
+    run one way: then the position along them is not observed, and this is how surely that way is
+    known in the floor frame. NaN without lines.
+    """
+    rows, lines = estimate.map.of_kind(LINE.kind)
+    weight = estimate.map.sightings[rows].astype(float)
+    if not weight.sum():
+        return math.nan, math.nan
+    weight /= weight.sum()
+    normal = 0.5 * np.angle(weight @ np.exp(2j * lines[:, 1]))
+    place = estimate.map.offsets()[rows] + LINE.dim_landmark - 1
+    variance = weight @ estimate.cov_joint[np.ix_(place, place)] @ weight
+    return float(np.degrees(normal) % 180.0), math.degrees(math.sqrt(variance))
+
+
 def _status(target: IntArray, first: BoolArray, seen: BoolArray) -> np.ndarray:
     of_seen = np.append(seen, False)[target]
     kinds = ["spurious", "unseen", "matched"]

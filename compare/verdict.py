@@ -132,7 +132,8 @@ def _neither(methods: Sequence[MethodMetrics], pair: Pair | None) -> Iterator[st
         return
     angle, across = direction.angle_deg, _across(pair[1], direction)
     yield (
-        f"Do neither before adding a second line direction: along {angle:.0f}° (floor frame) "
+        f"Do neither before adding a second line direction: along {angle:.0f}° (floor frame, "
+        f"± {pair[1].direction_sigma_deg:.2g}° for one sigma; it is the way that the lines run) "
         f"no line fixes the position, and the last one is known to {metres(direction.sigma)} "
         f"there, to {metres(across)} across. Filter and smoother share this; lines with "
         f"normals along {angle:.0f}° end it. (It counts from a ratio of {OPEN_RATIO:g} on.)"

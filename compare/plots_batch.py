@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from compare.batch_table import BATCH_FIGURES
+from compare.plots_boxes import draw_box
 from compare.plots_style import (
     INK,
     Columns,
@@ -98,7 +99,8 @@ def _draw(ax: Axes, batch: Batch, drawn: Figure) -> None:
             values = _values(batch, drawn, point, method)
             if values:
                 at = point + (column - 0.5 * (len(batch.methods) - 1)) * width
-                _box(ax, at, 0.8 * width, values, method_colour(method))
+                few = len(values) <= MOST_SHOWN
+                draw_box(ax, at, 0.8 * width, values, method_colour(method), points=few)
             shown += values
     if min(shown) > 0 and max(shown) > WIDE_RANGE * min(shown):
         ax.set_yscale("log")
@@ -115,26 +117,6 @@ def _draw(ax: Axes, batch: Batch, drawn: Figure) -> None:
     swept = [point.short_label for point in batch.points if point.values]
     ax.set_xticks(range(len(swept)), swept)
     ax.grid(visible=False, axis="x")
-
-
-def _box(ax: Axes, at: float, width: float, values: Sequence[float], colour: str) -> None:
-    line = {"color": colour, "lw": 1.2}
-    many = len(values) > MOST_SHOWN
-    ax.boxplot(
-        [values],
-        positions=[at],
-        widths=width,
-        manage_ticks=False,
-        patch_artist=True,
-        showfliers=many,
-        boxprops={"facecolor": colour, "edgecolor": colour, "alpha": 0.35, "lw": 1.0},
-        medianprops=line | {"lw": 2.0},
-        whiskerprops=line,
-        capprops=line,
-        flierprops={"markeredgecolor": colour, "markersize": 3.0},
-    )
-    if not many:
-        ax.plot([at] * len(values), values, "o", ms=2.6, mfc="none", mec=colour, mew=0.7)
 
 
 def _columns(batch: Batch, figures: Sequence[Figure]) -> dict[str, Columns]:

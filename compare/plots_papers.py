@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from compare.plots_boxes import draw_box
 from compare.plots_style import (
     INK,
     METHOD_DASHES,
@@ -135,20 +136,7 @@ def final_errors(papers: Papers) -> Plot:
 def _final_error(ax: Axes, place: int, method: str, study: MonteCarlo, record: Record) -> None:
     colour = colour_of(method)
     values = study.values(f"{method}.final_error_m")
-    line = {"color": colour, "lw": 1.2}
-    ax.boxplot(
-        [values],
-        positions=[place],
-        widths=BOX,
-        manage_ticks=False,
-        patch_artist=True,
-        showfliers=False,
-        boxprops={"facecolor": colour, "edgecolor": colour, "alpha": 0.3, "lw": 1.0},
-        medianprops=line | {"lw": 2.0},
-        whiskerprops=line,
-        capprops=line,
-    )
-    ax.plot([place] * len(values), values, "o", ms=2.8, mfc="none", mec=colour, mew=0.7)
+    draw_box(ax, place, BOX, values, colour, points=True)
     path = record.metrics["methods"].get(method, {}).get("trajectory")
     if path:
         ax.plot(place + 0.38, path["final_error_m"], "D", ms=5, color=colour)

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
 
 from compare.consistency import band
+from compare.plots_boxes import draw_box
 from compare.plots_style import (
     INK,
     METHOD_DASHES,
@@ -116,9 +117,8 @@ def _draw_boxes(ax: Axes, result: Study, box: _Box, drawn: dict[str, list[object
                 continue
             low, q1, median, q3, high = np.quantile(values, [0.0, 0.25, 0.5, 0.75, 1.0])
             x = place + (k + 0.5) * width - 0.4
-            stats = {"whislo": low, "q1": q1, "med": median, "q3": q3, "whishi": high}
-            stats = {key: max(float(value), LEAST) for key, value in stats.items()}
-            _draw_box(ax, stats, x, 0.8 * width, method_colour(method))
+            shown = np.maximum(values, LEAST)
+            draw_box(ax, x, 0.8 * width, shown, method_colour(method), whole_range=True)
             entry = (box.figure, str(level), method, low, q1, median, q3, high, limit)
             for column, value in zip(drawn.values(), entry, strict=True):
                 column.append(value)
@@ -129,22 +129,6 @@ def _draw_boxes(ax: Axes, result: Study, box: _Box, drawn: dict[str, list[object
     ax.set(yscale="log", ylabel=box.label, xlabel="noise")
     ax.set_xticks(range(len(result.noise)), [str(level) for level in result.noise])
     ax.grid(visible=False, axis="x")
-
-
-def _draw_box(ax: Axes, stats: dict[str, float], x: float, width: float, colour: str) -> None:
-    line = {"color": colour, "lw": 1.0}
-    ax.bxp(
-        [{**stats, "fliers": []}],
-        positions=[x],
-        widths=width,
-        patch_artist=True,
-        manage_ticks=False,
-        showfliers=False,
-        boxprops={"facecolor": colour, "edgecolor": colour, "alpha": 0.45},
-        medianprops={"color": colour, "lw": 2.0},
-        whiskerprops=line,
-        capprops=line,
-    )
 
 
 def _curves(result: Study) -> Plot | None:

@@ -55,8 +55,8 @@ LEAST_PROMISE = 0.0
 """Gain, in units of the cost, that odometry must promise of a shift for it to be tried."""
 LEAST_GAIN = 0.5
 """By how much a shift must lower the objective to be kept."""
-MOST_SHIFTS = 16
-"""Shifts that are tried before the search ends."""
+MOST_SHIFTS, MOST_TRIALS = 16, 64
+"""Shifts that are tried in vain before the search ends, and in all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,11 +140,19 @@ def settle(problem: Problem, config: SmootherConfig, minimise: Minimise) -> Rema
 
 def _straightened(best: Rematched, config: SmootherConfig, minimise: Minimise) -> Rematched:
     """Returns the matches after all shifts of the path, one by one, that lower the objective."""
-    for _ in range(config.rematching.rounds):
-        better = _unslipped(best, config, minimise)
-        if better is None:
+    left = MOST_TRIALS
+    while left > 0:
+        for shift in shifts(best.fitted, LEAST_PROMISE, min(left, MOST_SHIFTS)):
+            left -= 1
+            problem = shifted(best.fitted, shift, config.rematching)
+            problem = renumbered(problem, problem.match)
+            tried = _rounds(problem, config, minimise, best.fitted.problem.match)
+            if tried.objective < best.objective - LEAST_GAIN:
+                counts = Counter(best.counts) + Counter(tried.counts) + Counter({SHIFTED: 1})
+                best = replace(tried, counts=dict(counts))
+                break
+        else:
             break
-        best = better
     return best
 
 
@@ -258,19 +266,6 @@ def _joined(problem: Problem, pairs: list[tuple[int, int]]) -> Problem:
             label[keep] = max(label[keep], label[other])
     match = np.where(problem.match >= 0, name[problem.match], UNMATCHED)
     return renumbered(problem, match)
-
-
-def _unslipped(best: Rematched, config: SmootherConfig, minimise: Minimise) -> Rematched | None:
-    """Returns the matches after the first shift of the path that lowers the objective, or None."""
-    rules = config.rematching
-    for shift in shifts(best.fitted, LEAST_PROMISE, MOST_SHIFTS):
-        problem = shifted(best.fitted, shift, rules)
-        problem = renumbered(problem, problem.match)
-        tried = _rounds(problem, config, minimise, best.fitted.problem.match)
-        if tried.objective < best.objective - LEAST_GAIN:
-            counts = Counter(best.counts) + Counter(tried.counts) + Counter({SHIFTED: 1})
-            return replace(tried, counts=dict(counts))
-    return None
 
 
 def _one_round(fitted: Fitted, rules: RematchConfig) -> tuple[Problem, Counter[str]]:

@@ -73,5 +73,8 @@ def _noise(found: BearingCalibration, config: OmniConfig) -> str:
     if found.camera is None:
         return f"{text}: write {math.radians(found.after_deg):.4g} rad as sigma into bearings.csv."
     rest = found.stated_deg**2 - config.deformation_deg**2
+    if rest > found.after_deg**2:
+        cure = "--extract.omni.deformation-deg 0 --extract.omni.centre-px 0"
+        return f"{text}: {cure} come nearest, as long as the mirror stays as it is."
     fits = math.sqrt(max(found.after_deg**2 - rest, 0.0))
     return f"{text}: --extract.omni.deformation-deg {fits:.3f} makes it fit."

@@ -183,6 +183,9 @@ class LampConfig:
     """Standard deviation of where a whole edge of a lamp appears, pixels (blur, fringes)."""
     calibration_px: float = 0.1
     """Standard deviation of the calibration, pixels: how far off homography and lens put a spot."""
+    cut_end_m: float = 0.01
+    """Standard deviation of the one visible end of a cut lamp, along the lamp, m: a reflection may
+    be taken for it."""
     timing_s: float = 0.005
     """Standard deviation of when within its exposure an image was taken, s: noise that grows with
     the robot's speed, as Bellini's does."""
@@ -203,7 +206,7 @@ class LampConfig:
         for name in ("contrast_grey", "edge_px", "coarsest_pixel_m"):
             if not 0 < getattr(self, name) < math.inf:
                 raise BadConfig(f"lamps.{name} = {getattr(self, name)}: must be positive")
-        for name in ("calibration_px", "timing_s"):
+        for name in ("calibration_px", "cut_end_m", "timing_s"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise BadConfig(f"lamps.{name} = {getattr(self, name)}: must be 0 or more")
         if not 0 <= self.clean_px <= 50:

@@ -148,7 +148,7 @@ def _lamp(
     if seen.area > largest:
         return LARGE
     if not spot.is_cut:
-        return _whole(spot, camera, config, seen, smallest)
+        return _whole(spot, outline, camera, config, seen, smallest)
     if config.size_m is None:
         return CUT if seen.area >= smallest else SMALL
     share = seen.area / (config.size_m[0] * config.size_m[1])
@@ -171,7 +171,7 @@ def _areas(config: LampConfig) -> tuple[float, float]:
 
 
 def _whole(
-    spot: Spot, camera: Camera, config: LampConfig, seen: Moments, smallest: float
+    spot: Spot, outline: Array, camera: Camera, config: LampConfig, seen: Moments, smallest: float
 ) -> tuple[Array, Array, tuple[float, float], float] | str:
     if seen.area < smallest:
         return SMALL
@@ -179,6 +179,14 @@ def _whole(
         return ROUND
     if seen.fill < config.least_fill:
         return FRAYED
+    if config.size_m is not None:
+        # the edges, robustly: reflections that touch the lamp would turn and shift its moments
+        done = complete(outline, spot.cut, config.size_m)
+        pixel = np.sqrt(abs(np.linalg.det(_plane_per_pixel(camera, spot.outline.mean(axis=0)))))
+        if done is None or done.rms > WORST_FIT_PX * pixel:
+            return FRAYED
+        cov = _completed_covariance(spot, camera, config, done, pixel)
+        return done.place, cov, (seen.length, seen.width), 1.0
     cov = _whole_covariance(spot, camera, config, seen)
     return seen.place, cov, (seen.length, seen.width), 1.0
 
@@ -213,6 +221,9 @@ def _completed_covariance(
     alike = STRETCH_PX * FINER  # points whose errors are one error
     cov = alike * (config.edge_px * pixel) ** 2 * np.linalg.inv(done.information)
     cov[:2, :2] += config.calibration_px**2 * plane
+    if spot.is_cut:
+        axis = np.array([np.cos(done.place[2]), np.sin(done.place[2])])
+        cov[:2, :2] += config.cut_end_m**2 * np.outer(axis, axis)
     calibration = _turn_variance(config, plane, done.place[2], config.size_m[0])
     cov[2, 2] += calibration
     return np.asarray(0.5 * (cov + cov.T))

@@ -52,6 +52,20 @@ def test_painted_lines_are_found_like_grooves(camera: Camera) -> None:
     assert_found(detect_lines(image, camera, DetectorConfig()), LINES)
 
 
+@pytest.mark.parametrize("method", ["hough", "hough-p"])
+@pytest.mark.parametrize("name", ["160x120", "640x480"])
+def test_one_threshold_finds_grooves_in_even_light_and_loses_some_in_uneven(
+    method: str, name: str
+) -> None:
+    camera = CAMERAS[name]
+    settings = DetectorConfig(method=method, binarise="global")
+    image = floor_with_lines(camera)
+    assert_found(detect_lines(image, camera, settings), LINES)
+    uneven = np.clip(image * np.linspace(0.2, 1.2, image.shape[1]), 0, 255).astype(np.uint8)
+    assert len(detect_lines(uneven, camera, settings).z) < len(LINES)
+    assert_found(detect_lines(uneven, camera, replace(settings, binarise="canny")), LINES)
+
+
 @pytest.mark.parametrize("polarity", ["dark", "bright"])
 def test_only_the_wanted_polarity_is_reported(polarity: str) -> None:
     camera = CAMERAS["320x240"]

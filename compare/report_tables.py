@@ -249,7 +249,7 @@ def facts(record: Record) -> list[dict[str, str]]:
         ),
         *(
             {"label": f"{found[0].upper()}{found[1:]} ({name})", "value": _measured(*measured)}
-            for name, quantities in record.info.get("quantities", {}).items()
+            for name, quantities in list(record.info.get("quantities", {}).items())[-1:]
             for found, measured in quantities.items()
         ),
         {"label": "Version", "value": str(record.info["versions"]["floorline-slam"])},

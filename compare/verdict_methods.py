@@ -9,7 +9,7 @@ from compare.consistency import band
 from compare.words import listed, metres
 from graphslam.elsewhere import OTHER_PLACES
 from graphslam.ending import GAP_M
-from graphslam.estimate import Unobserved
+from graphslam.estimate import LOOP_OPEN, Unobserved
 
 MOST_WAYS = 3
 """So many ways without a sighting are told, the longest first; of the others only the number."""
@@ -104,6 +104,12 @@ def alarms(methods: Sequence[MethodMetrics]) -> Iterator[str]:
             if reason.startswith("lost"):
                 often = "once" if times == 1 else f"{times} times"
                 yield f"{m.method} was lost {often}{reason.removeprefix('lost')}."
+            if reason.startswith(LOOP_OPEN):
+                places = "one place" if times == 1 else f"{times} places"
+                yield (
+                    f"{m.method} left {places} open where the path comes back to where it was "
+                    f"before: {reason.removeprefix(LOOP_OPEN)}. The map may be double there."
+                )
             if reason.startswith(OTHER_PLACES):
                 yield (
                     f"{m.method} does not know its place: {times} {reason}. Give [start] in the "

@@ -22,6 +22,10 @@ Told = Callable[[int], None]
 """Called after each node, with its number, by methods that go from node to node."""
 
 
+LOOP_OPEN = "loop not closed: "
+"""How counts of loops that could not be closed begin; the reason follows."""
+
+
 @dataclass(frozen=True, slots=True)
 class Stretch:
     """A part of the way.

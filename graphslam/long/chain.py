@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from graphslam.config import EkfConfig, LongConfig, Matching, SmootherConfig
-from graphslam.estimate import Estimate
+from graphslam.estimate import LOOP_OPEN, Estimate
 from graphslam.long.drift import NAMES, UNKNOWN, Drift, corrected, fit_drift
 from graphslam.long.joining import Minimise
 from graphslam.long.loops import Search
@@ -27,7 +27,6 @@ from graphslam.smoother.robust import minimise_robustly
 METHOD_WINDOW, METHOD_LOOPS = "ekf-window", "loops"
 CLOSED = "loops closed"
 MENDED = "loops closed where the path was torn, and had to be mended"
-OPEN = "loop not closed: "
 SWITCHED_OFF = "sighting switched off by the robust kernel before loops were closed"
 REJECTED = "sighting of no landmark after all matches were decided again"
 
@@ -165,7 +164,7 @@ def _closed(
     search.close()
     counts[CLOSED], counts[MENDED] = search.closed, search.mended
     for reason, number in search.open_places().items():
-        counts[OPEN + reason] += number
+        counts[LOOP_OPEN + reason] += number
     return search.fitted
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ import pytest
 from compare.config import RunConfig
 from compare.plots_walls import wall_parts
 from compare.run import suited
+from compare.verdict_methods import alarms
 from frontend.log import open_log
 from graphslam.baseline import dead_reckoning
+from graphslam.estimate import LOOP_OPEN
 from graphslam.measurements import LandmarkMap, Measurements, Odometry, Sightings
 
 
@@ -49,3 +52,12 @@ def test_a_laser_has_its_own_methods_unless_others_are_chosen(tmp_path: Path):
     assert suited(RunConfig(), log).methods == RunConfig().laser_methods
     chosen = RunConfig(methods=("odometry", "ekf"))
     assert suited(chosen, log) is chosen
+
+
+def test_loops_that_stay_open_are_told():
+    method = SimpleNamespace(
+        method="loops", counts={LOOP_OPEN + "too few walls agree": 2}, converged=True, iterations=3
+    )
+    [told] = alarms([method])  # type: ignore[list-item]
+    assert told.startswith("loops left 2 places open")
+    assert "too few walls agree" in told

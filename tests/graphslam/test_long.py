@@ -14,9 +14,10 @@ from frontend.extract import extract
 from frontend.log import open_log
 from graphslam.baseline import dead_reckoning
 from graphslam.config import EkfConfig, SmootherConfig
+from graphslam.estimate import LOOP_OPEN
 from graphslam.geometry import Array, between, compose, interpolate_poses, inverse, wrap
 from graphslam.long import close_all_loops, run_window
-from graphslam.long.chain import CLOSED, OPEN, drift_of
+from graphslam.long.chain import CLOSED, drift_of
 from graphslam.long.drift import Drift, corrected, fit_drift
 from graphslam.long.laying import LAID_COLUMNS, lay
 from graphslam.long.patches import in_frame
@@ -200,7 +201,7 @@ def test_one_way_without_a_loop_closes_none():
     window = run_window(measurements, EkfConfig())
     whole = close_all_loops(measurements, window, SmootherConfig())
     assert CLOSED not in whole.counts
-    assert not any(name.startswith(OPEN) for name in whole.counts)
+    assert not any(name.startswith(LOOP_OPEN) for name in whole.counts)
 
 
 def test_the_first_loops_of_a_shared_log_close(shared_data: Path):

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.images import read_grey, undistorted
@@ -105,24 +107,38 @@ def frame_picture(grey: Picture, camera: Camera, z: Array, extent: Array, text: 
     scale = HEIGHT / flat.shape[0]
     left: Any = cv2.cvtColor(cv2.resize(flat, None, fx=scale, fy=scale), cv2.COLOR_GRAY2BGR)
     draw_lines(left, camera, z, extent, scale)
-    right = _floor_picture(flat, camera, z, extent, left.shape[0])
+    right = _floor_picture(grey, camera, z, extent, left.shape[0])
     both = np.concatenate([left, right], axis=1)
     return caption(both, text + f"   floor: {GRID_M:g} m grid, robot frame, x up")
 
 
-def _floor_picture(flat: Picture, camera: Camera, z: Array, extent: Array, rows: int) -> Picture:
+@lru_cache(maxsize=4)
+def _pixels_of_floor(
+    camera: Camera, top: float, left: float, right: float, rows: int, per_m: float
+) -> NDArray[np.float32]:
+    """Returns the recorded pixels (rows, columns, 2) that a picture of the floor shows.
+
+    Args:
+        camera: that took the frame, with its lens.
+        top, left, right: borders of the picture on the floor: x, y and y, m, robot frame.
+        rows: of the picture.
+        per_m: pixels of the picture for a metre.
+    """
+    columns = max(1, round(per_m * (left - right)))
+    x, y = top - np.arange(rows) / per_m, left - np.arange(columns) / per_m
+    floor = np.stack(np.broadcast_arrays(x[:, None], y), axis=-1)
+    pixels = camera.distort(camera.floor_to_pixel(floor))
+    return np.nan_to_num(pixels, nan=-1e4).clip(-1e4, 1e4).astype(np.float32)
+
+
+def _floor_picture(grey: Picture, camera: Camera, z: Array, extent: Array, rows: int) -> Picture:
     """Returns the floor in view from above, ``rows`` pixels high, with lines and a grid."""
     corners = np.clip(camera.view(), -FARTHEST_M, FARTHEST_M)
     low, high = corners.min(axis=0) - 0.02, corners.max(axis=0) + 0.02
     per_m = rows / (high[0] - low[0])
-    columns = max(1, round(per_m * (high[1] - low[1])))
-    picture_T_floor = np.array(
-        [[0.0, -per_m, per_m * high[1]], [-per_m, 0.0, per_m * high[0]], [0.0, 0.0, 1.0]]
-    )
-    picture_T_pixel = picture_T_floor @ np.linalg.inv(camera.homography)
-    picture: Any = cv2.cvtColor(
-        cv2.warpPerspective(flat, picture_T_pixel, (columns, rows)), cv2.COLOR_GRAY2BGR
-    )
+    pixels = _pixels_of_floor(camera, float(high[0]), float(high[1]), float(low[1]), rows, per_m)
+    seen = cv2.remap(grey, pixels, None, cv2.INTER_LINEAR)
+    picture: Any = cv2.cvtColor(seen, cv2.COLOR_GRAY2BGR)
 
     def to_picture(points: Array) -> list[list[int]]:
         x, y = points[..., 0], points[..., 1]

@@ -36,6 +36,7 @@ from frontend.fit_table import (
 )
 from frontend.line_noise import PRIOR_PX, add_lagged, set_fixed_part
 from frontend.profiles import ACROSS, PLACE, SIGMA, WIDTH, U, V, to_floor
+from frontend.straight import TUKEY_RESIDUAL, median_of
 
 CROOKED_PX = 0.5  # root mean square of the residuals of what is no straight line, pixels
 BLURRED_PX = 3.5  # a thin line's edges are seen this far apart at most, pixels
@@ -162,12 +163,19 @@ def _best_run(count, weight, s, longest_gap):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _weigh(blocks, floor, weight, first, last, w):  # type: ignore[no-untyped-def]
-    """Fills ``w`` with weights of the blocks of a run, 1/m^2; returns how many have one."""
+    """Fills ``w`` with weights of the blocks of a run, 1/m^2; returns how many have one.
+
+    All blocks of a line have its median noise, in pixels: their own greys tell it too vaguely.
+    """
     support = 0
+    noise = np.empty(last - first + 1)
+    for k in range(first, last + 1):
+        noise[k - first] = blocks[k, SIGMA]
+    typical = median_of(noise)
     for k in range(first, last + 1):
         if weight[k] > 0.0:
             support += 1
-            variance = (blocks[k, SIGMA] ** 2 + PRIOR_PX**2) * floor[k, PIXEL_M] ** 2
+            variance = (typical**2 + PRIOR_PX**2) * floor[k, PIXEL_M] ** 2
             w[k] = weight[k] / variance
     return support
 
@@ -198,7 +206,8 @@ def _sum_up(blocks, floor, residual, w, weight, first, last, fit):  # type: igno
     scaled = np.zeros(len(residual))
     for k in range(first, last + 1):
         r = residual[k]
-        scaled[k] = r * math.sqrt(w[k] / weight[k]) if weight[k] > 0.0 else 0.0
+        if weight[k] > 0.0:
+            scaled[k] = TUKEY_RESIDUAL * r * math.sqrt(w[k] / weight[k])
         total += weight[k] * scaled[k] ** 2
         freedom += weight[k]
         square += weight[k] * (r / floor[k, PIXEL_M]) ** 2

@@ -81,20 +81,25 @@ def to_raw(u, v, lens, lens_at):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _add_profile(image, u, v, du, dv, count, profile, last, again):  # type: ignore[no-untyped-def]
-    """Adds greys from (u, v) on in steps (du, dv) to a profile; returns the squared change.
+def _inside(at, step, size, first, last):  # type: ignore[no-untyped-def]
+    """Returns the part of ``first`` to ``last`` (samples) for which at + k step is in the image."""
+    most = size - 1.001  # a sample's right and lower neighbour are read too
+    if abs(step) < 1e-9:
+        return (first, last) if 0.0 <= at <= most else (first, first - 1)
+    a, b = -at / step, (most - at) / step
+    return max(first, math.ceil(min(a, b))), min(last, math.floor(max(a, b)))
 
-    Returns the sum of squared differences from the ``last`` profile (0 unless ``again``), or -1
-    where a sample lies outside the image, and then adds nothing.
+
+@njit(cache=True, nogil=True)
+def _add_profile(image, ray, first, stop, profile, last, again):  # type: ignore[no-untyped-def]
+    """Adds greys along a ray to samples ``first`` to ``stop`` of a profile.
+
+    Returns the sum of squared differences from the ``last`` profile; 0 unless ``again``.
     """
-    height, width = image.shape
-    end_u, end_v = u + du * (count - 1), v + dv * (count - 1)
-    inside = min(u, end_u) >= 0.0 and max(u, end_u) < width - 1.0
-    inside = inside and min(v, end_v) >= 0.0 and max(v, end_v) < height - 1.0
-    if not inside:
-        return -1.0
+    du, dv = ray[2], ray[3]
+    u, v = ray[0] + first * du, ray[1] + first * dv
     change = 0.0
-    for k in range(count):
+    for k in range(first, stop):
         j, i = int(u), int(v)
         a, b = u - j, v - i
         top = image[i, j] + a * (float(image[i, j + 1]) - image[i, j])
@@ -110,13 +115,15 @@ def _add_profile(image, u, v, du, dv, count, profile, last, again):  # type: ign
 
 
 @njit(cache=True, nogil=True)
-def _lobe(profile, first, last, sense):  # type: ignore[no-untyped-def]
-    """Returns centroid (samples), height and area of the highest gradient lobe of one sense.
+def _lobe(profile, first, last, sense, whole):  # type: ignore[no-untyped-def]
+    """Returns centroid (samples) and area of the highest gradient lobe of one sense, or zeros.
 
     Args:
         profile: greys; the gradient at k is half the difference of its neighbours.
         first, last: where the lobe's peak may be.
         sense: 1 for rising greys, -1 for falling.
+        whole: whether the profile ends where it should, not at the border of the image; there a
+            lobe that reaches its end does not count.
     """
     first, last = max(first, 1), min(last, len(profile) - 2)
     best, peak = 0.0, -1
@@ -125,20 +132,22 @@ def _lobe(profile, first, last, sense):  # type: ignore[no-untyped-def]
         if g > best:
             best, peak = g, k
     if peak < 0:
-        return 0.0, 0.0, 0.0
+        return 0.0, 0.0
     low = high = peak
     floor = LOBE * best
     while low > 1 and sense * (profile[low] - profile[low - 2]) > floor:
         low -= 1
     while high < len(profile) - 2 and sense * (profile[high + 2] - profile[high]) > floor:
         high += 1
+    if not whole and (low <= 1 or high >= len(profile) - 2):
+        return 0.0, 0.0
     total = moment = 0.0
     for k in range(low, high + 1):
         weight = sense * (profile[k + 1] - profile[k - 1]) - floor
         total += weight
         moment += weight * k
     area = 0.5 * (total + floor * (high - low + 1))
-    return moment / total, 0.5 * best, area
+    return moment / total, area
 
 
 @njit(cache=True, nogil=True)
@@ -167,6 +176,8 @@ def read_blocks(sight, ends, width_m, dark, reach, most, blocks):  # type: ignor
     size = int(min(COARSEST_BLOCK, max(FINEST_BLOCK, length / (16.0 * stride))))
     number = min(int(length / (size * stride)), MOST_BLOCKS)
     profile, last = np.empty(MOST_SAMPLES), np.empty(MOST_SAMPLES)
+    rays = np.empty((COARSEST_BLOCK, 4))  # u, v of the first sample, and steps, recorded pixels
+    height, width = sight.image.shape
     found = 0
     for place in range(number):
         along = (place + 0.5) * size * stride
@@ -182,8 +193,7 @@ def read_blocks(sight, ends, width_m, dark, reach, most, blocks):  # type: ignor
         samples = 2 * int((half + reach + MARGIN) / STEP) + 1
         if samples > MOST_SAMPLES:
             continue
-        profile[:samples] = 0.0
-        used, change = 0, 0.0
+        used, start, stop = 0, 0, samples
         for k in range(size):
             at = along + (k - 0.5 * (size - 1)) * stride
             u_k, v_k = ends[0, 0] + at * du, ends[0, 1] + at * dv
@@ -191,28 +201,34 @@ def read_blocks(sight, ends, width_m, dark, reach, most, blocks):  # type: ignor
             low_u, low_v = to_raw(u_k + span * dv, v_k - span * du, sight.lens, sight.lens_at)
             high_u, high_v = to_raw(u_k - span * dv, v_k + span * du, sight.lens, sight.lens_at)
             i, j = 0.5 * (low_v + high_v), 0.5 * (low_u + high_u)
-            if not (0 <= i < sight.image.shape[0] - 1 and 0 <= j < sight.image.shape[1] - 1):
+            if not (0 <= i < height - 1 and 0 <= j < width - 1):
                 continue
             if not sight.usable[int(i + 0.5), int(j + 0.5)]:
                 continue
-            step_u, step_v = (high_u - low_u) / (samples - 1), (high_v - low_v) / (samples - 1)
-            more = _add_profile(
-                sight.image, low_u, low_v, step_u, step_v, samples, profile, last, used > 0
-            )
-            if more >= 0.0:
-                used += 1
-                change += more
-        if used < 0.75 * size:
+            ray = rays[used]
+            ray[0], ray[1] = low_u, low_v
+            ray[2], ray[3] = (high_u - low_u) / (samples - 1), (high_v - low_v) / (samples - 1)
+            start, end = _inside(low_u, ray[2], width, start, stop - 1)
+            start, end = _inside(low_v, ray[3], height, start, end)
+            stop = end + 1
+            used += 1
+        if used < 0.75 * size or stop - start < 3:
             continue
-        for k in range(samples):
+        for k in range(start, stop):
+            profile[k] = 0.0
+        change = 0.0
+        for k in range(used):
+            change += _add_profile(sight.image, rays[k], start, stop, profile, last, k > 0)
+        for k in range(start, stop):
             profile[k] /= used
-        middle, wide = 0.5 * (samples - 1), half / STEP
+        seen_part, whole = profile[start:stop], stop - start == samples
+        middle, wide = 0.5 * (samples - 1) - start, half / STEP
         search = reach / STEP
         first, last_k = int(middle - wide - search), int(middle - wide + search)
-        low, _, step_low = _lobe(profile[:samples], first, last_k, -dark)
+        low, step_low = _lobe(seen_part, first, last_k, -dark, whole)
         first, last_k = int(middle + wide - search), int(middle + wide + search)
-        high, _, step_high = _lobe(profile[:samples], first, last_k, dark)
-        grey_noise = math.sqrt(0.5 * change / (max(used - 1, 1) * samples) / used)
+        high, step_high = _lobe(seen_part, first, last_k, dark, whole)
+        grey_noise = math.sqrt(0.5 * change / (max(used - 1, 1) * (stop - start)) / used)
         row = blocks[found]
         row[U], row[V], row[ALONG], row[PLACE] = u, v, along, place
         row[PIXEL] = pixel_m

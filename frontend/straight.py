@@ -14,6 +14,10 @@ from frontend.profiles import ACROSS, ALONG, COLUMNS, STEP_HIGH, STEP_LOW
 
 WEAKEST = 0.35  # share of a line's own median step that a block needs
 TUKEY = 4.685
+TUKEY_RESIDUAL = (
+    1.079  # the weights shrink residuals: as much larger is the standard deviation of a
+)
+# block by which the covariance of such a fit comes out right for normal errors
 FINEST_SCALE = 0.04  # pixels: smaller residuals than these are never outliers
 
 

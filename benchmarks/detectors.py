@@ -212,7 +212,11 @@ def evaluate(condition: Condition, size: tuple[int, int], count: int) -> dict[st
     scores = {name: Score() for name in METHODS}
     config = {
         name: DetectorConfig(
-            method=name, sigma_law="measured", calibration_px=0.0, straightness_m=0.0
+            method=name,
+            sigma_law="measured",
+            calibration_px=0.0,
+            straightness_m=0.0,
+            vaguest_alpha_deg=0.8,
         )
         for name in METHODS
     }

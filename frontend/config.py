@@ -49,7 +49,7 @@ class DetectorConfig:
     edges are seen, less where they waver and where the line is short."""
     coarsest_pixel_m: float = 0.03
     """Pixels that cover more floor than this are ignored (near the horizon), m."""
-    vaguest_alpha_deg: float = 0.8
+    vaguest_alpha_deg: float = 0.5
     """Lines are left out whose own fit leaves their direction more uncertain than this (one
     standard deviation), degrees."""
     calibration_px: float = 0.1

@@ -37,8 +37,10 @@ RANGE_SIGMA, BEARING_SIGMA = 0.005, 0.009
 class Lines:
     """The problem's own factors."""
 
+    kinds: tuple[str, ...] = ("line",)
+
     def __init__(self, problem: Problem) -> None:
-        self.problem, self.updates = problem, Whole(RELINEARISE)
+        self.problem, self.updates = problem, Whole(RELINEARISE, self.kinds)
         self.started: set[int] = set()
 
     def step(self, node: int) -> Step:
@@ -72,6 +74,8 @@ class Lines:
 
 class Points(Lines):
     """A graph of the same shape: each line is replaced by a point that lies before its viewers."""
+
+    kinds = ("bearing",)
 
     def __init__(self, problem: Problem) -> None:
         super().__init__(problem)

@@ -84,6 +84,18 @@ class Stretched(Protocol):
 
 
 @runtime_checkable
+class PartlyLinear(Protocol):
+    """What a model has besides whose residual is linear in some parameters of its landmarks.
+
+    Attributes:
+        linear_in: those parameters. However far they move, no Jacobian changes.
+    """
+
+    @property
+    def linear_in(self) -> tuple[int, ...]: ...
+
+
+@runtime_checkable
 class Delayed(Protocol):
     """What a model has besides where one sighting does not start a landmark, but several do."""
 

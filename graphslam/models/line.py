@@ -57,6 +57,7 @@ class LineModel:
     dim_z: int = 2
     dim_landmark: int = 2
     angular: tuple[bool, ...] = (False, True)
+    linear_in: tuple[int, ...] = (0,)
 
     def residual(self, pose: Array, landmark: Array, z: Array) -> tuple[Array, Array, Array]:
         """Returns `line_residual`."""

@@ -60,7 +60,7 @@ def run_isam2(
     """
     config = config or IncrementalConfig()
     problem = state_problem(measurements, initial.match, initial)
-    return _Run(problem, Whole(config.relinearise)).run(told)
+    return _Run(problem, Whole(config.relinearise, _moving(problem))).run(told)
 
 
 def run_fixed_lag(
@@ -85,7 +85,13 @@ def run_fixed_lag(
     """
     config = config or IncrementalConfig()
     problem = state_problem(measurements, initial.match, initial)
-    return _Run(problem, Window(measurements.t, config.lag_s, config.relinearise)).run(told)
+    window = Window(measurements.t, config.lag_s, config.relinearise, _moving(problem))
+    return _Run(problem, window).run(told)
+
+
+def _moving(problem: Problem) -> set[str]:
+    """Returns the kinds of the landmarks that are variables."""
+    return {kind for kind, fixed in zip(problem.kinds, problem.fixed, strict=True) if not fixed}
 
 
 class _Run:

@@ -6,13 +6,15 @@ GTSAM copies all variables into every call of a Python factor.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Any, Protocol
 
 import gtsam
 import numpy as np
 
 from graphslam.geometry import Array
+from graphslam.models import MODELS
+from graphslam.models.base import PartlyLinear
 from graphslam.smoother.factors import landmark_key, pose_key
 
 
@@ -80,8 +82,8 @@ class Whole:
 
     method, causal = "isam2", True
 
-    def __init__(self, relinearise: float) -> None:
-        self.solver: Any = gtsam.ISAM2(_parameters(relinearise))
+    def __init__(self, relinearise: float, kinds: Collection[str]) -> None:
+        self.solver: Any = gtsam.ISAM2(_parameters(relinearise, kinds))
         self._held = self.solver.getLinearizationPoint()
 
     def take(self, step: Step) -> None:
@@ -109,8 +111,9 @@ class Window:
 
     method, causal = "fixed-lag", False
 
-    def __init__(self, t: Array, lag_s: float, relinearise: float) -> None:
-        self.solver: Any = gtsam.IncrementalFixedLagSmoother(lag_s, _parameters(relinearise))
+    def __init__(self, t: Array, lag_s: float, relinearise: float, kinds: Collection[str]) -> None:
+        parameters = _parameters(relinearise, kinds)
+        self.solver: Any = gtsam.IncrementalFixedLagSmoother(lag_s, parameters)
         self._held = self.solver.getLinearizationPoint()
         self._t, self._lag, self._first = t - t[0], lag_s, 0
         self._landmarks: list[int] = []
@@ -143,10 +146,35 @@ class Window:
         return int(np.searchsorted(self._t, self._t[node] - self._lag, side="left"))
 
 
-def _parameters(relinearise: float) -> gtsam.ISAM2Params:
+def thresholds(relinearise: float, kinds: Collection[str]) -> dict[str, Array]:
+    """Returns from which change on each entry of a pose and of a landmark is linearised anew.
+
+    Not for what a residual is linear in: rho of a line far from the origin moves by centimetres
+    with a thousandth of alpha, and no Jacobian changes. Empty where landmarks of several lengths
+    are variables, which GTSAM's table, by the first letter of their keys, cannot tell apart.
+
+    Args:
+        relinearise: threshold of everything else, m or rad.
+        kinds: of the landmarks that are variables.
+    """
+    models = [MODELS[kind] for kind in sorted(kinds)]
+    if len({model.dim_landmark for model in models}) != 1:
+        return {}
+    landmark = np.full(models[0].dim_landmark, np.inf)
+    for model in models:
+        linear = model.linear_in if isinstance(model, PartlyLinear) else ()
+        bent = np.setdiff1d(np.arange(len(landmark)), linear)
+        landmark[bent] = relinearise
+    return {"x": np.full(3, relinearise), "l": landmark}
+
+
+def _parameters(relinearise: float, kinds: Collection[str]) -> gtsam.ISAM2Params:
     parameters = gtsam.ISAM2Params()
     parameters.setFactorization("QR")
-    parameters.setRelinearizeThreshold(relinearise)
+    table = gtsam.ISAM2ThresholdMap()
+    for letter, least in thresholds(relinearise, kinds).items():
+        table.insert((letter, least))
+    parameters.setRelinearizeThreshold(relinearise if table.empty() else table)
     parameters.relinearizeSkip = 1
     parameters.findUnusedFactorSlots = True
     return parameters

@@ -14,8 +14,11 @@ from graphslam.errors import BadConfig, BadMeasurements
 from graphslam.estimate import Estimate
 from graphslam.geometry import wrap
 from graphslam.measurements import Measurements, Odometry
+from graphslam.models import MODELS
+from graphslam.models.base import PartlyLinear
 from graphslam.smoother import run_fixed_lag, run_isam2, smooth
 from graphslam.smoother.incremental import LEFT
+from graphslam.smoother.updates import thresholds
 from tests.worlds import CONES, bearing_drive, drive
 
 KNOWN = EkfConfig(MatchingConfig(method="known"))
@@ -161,3 +164,25 @@ def test_matches_of_other_measurements_and_impossible_settings_are_refused() -> 
     for method in (run_isam2, run_fixed_lag):
         with pytest.raises(BadMeasurements, match="matches has shape"):
             method(measurements, run_ekf(others, KNOWN))
+
+
+def test_nothing_is_linearised_anew_for_what_a_residual_is_linear_in() -> None:
+    lines = thresholds(0.01, ["line"])
+    np.testing.assert_array_equal(lines["x"], [0.01, 0.01, 0.01])
+    np.testing.assert_array_equal(lines["l"], [np.inf, 0.01])
+    np.testing.assert_array_equal(thresholds(0.01, ["line", "bearing"])["l"], [0.01, 0.01])
+    assert thresholds(0.01, ["line", "lamp"]) == {}  # of different length: one threshold for all
+    assert thresholds(0.01, []) == {}
+
+
+def test_a_models_jacobians_do_not_change_with_what_it_says_it_is_linear_in() -> None:
+    rng = np.random.default_rng(0)
+    for model in MODELS.values():
+        for parameter in model.linear_in if isinstance(model, PartlyLinear) else ():
+            landmark, z = rng.normal(size=model.dim_landmark), rng.normal(size=model.dim_z)
+            pose, moved = rng.normal(size=3), landmark.copy()
+            moved[parameter] += 100.0
+            before = model.residual(pose, landmark, z)[1:]
+            after = model.residual(pose, moved, z)[1:]
+            for one, other in zip(before, after, strict=True):
+                np.testing.assert_array_equal(one, other)

@@ -9,6 +9,7 @@ import numpy as np
 
 from graphslam.config import Engine, SmootherConfig
 from graphslam.ending import end
+from graphslam.errors import UnderConstrained
 from graphslam.estimate import Estimate
 from graphslam.measurements import Measurements
 from graphslam.smoother.fit import sighting_fit
@@ -18,6 +19,8 @@ from graphslam.smoother.robust import minimise_robustly
 ENGINES = {"gtsam": "graphslam.smoother.engine_gtsam", "chain": "graphslam.smoother.chain"}
 CHAIN_FROM = 5_000
 """Nodes from which ``auto`` takes the chain engine: GTSAM then needs seconds, as compiling does."""
+HOPELESS = 3.0
+"""Misfit from which on a minimum counts as a wrong one, its start as too far off."""
 SWITCHED_OFF = "sighting switched off by the robust kernel"
 
 SLIPPED = "increment of odometry switched off by the robust kernel"
@@ -65,7 +68,8 @@ def solve(problem: Problem, config: SmootherConfig) -> Estimate:
         UnderConstrained: the measurements do not determine every pose and landmark.
     """
     if config.robust == "none":
-        estimate = finish(problem, minimise(problem, config))
+        minimum, iterations = _minimise_from_afar(problem, config)
+        estimate = replace(finish(problem, minimum), iterations=iterations)
     else:
         estimate = finish(*minimise_robustly(problem, config, minimise))
     return replace(estimate, engine=engine_for(problem, config.engine))
@@ -80,6 +84,34 @@ def minimise(problem: Problem, config: SmootherConfig) -> Minimum:
     engine = import_module(ENGINES[engine_for(problem, config.engine)])
     minimum: Minimum = engine.minimise(problem, config)
     return minimum
+
+
+def misfit(problem: Problem, minimum: Minimum) -> float:
+    """Returns the mean squared normalised residual at a minimum: about 1 where all is right."""
+    sizes = [np.full(len(table), table.z.shape[1]) for _, table in problem.measurements.tables()]
+    used = (problem.match >= 0) & (problem.weight > 0.0)
+    counted = np.concatenate([np.zeros(0), *sizes])[used].sum()
+    return float(2.0 * minimum.cost / (counted + 3.0 * len(problem.pose)))
+
+
+def _minimise_from_afar(problem: Problem, config: SmootherConfig) -> tuple[Minimum, int]:
+    """Returns the minimum from the problem's start or, where that is hopeless, a better one's.
+
+    Where it leaves residuals far beyond their noise, the path is started anew, stretch by stretch
+    (`graphslam.smoother.chain.start`), and the lower minimum counts. Also returns how many linear
+    systems of the whole were solved.
+    """
+    minimum = minimise(problem, config)
+    if misfit(problem, minimum) <= HOPELESS:
+        return minimum, minimum.iterations
+    from graphslam.smoother.chain import started_along
+
+    try:
+        other = minimise(started_along(problem, config), config)
+    except UnderConstrained:
+        return minimum, minimum.iterations
+    best = other if other.cost < minimum.cost else minimum
+    return best, minimum.iterations + other.iterations
 
 
 def engine_for(problem: Problem, engine: Engine) -> Engine:

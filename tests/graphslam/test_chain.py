@@ -16,6 +16,7 @@ from graphslam.geometry import rotate_covariance
 from graphslam.measurements import Measurements
 from graphslam.models import MODELS
 from graphslam.smoother import engine_gtsam, engines_agree, smooth
+from graphslam.smoother.batch import HOPELESS, misfit, solve
 from graphslam.smoother.chain import minimise, started_along, symbolic
 from graphslam.smoother.factors import pose_key
 from graphslam.smoother.problem import Problem, state_problem
@@ -221,6 +222,17 @@ def test_a_start_found_along_the_chain_mends_odometry_that_turns_away(seed: int)
     assert minimise(problem, SmootherConfig()).cost > 2.0 * cost
     found = minimise(started_along(problem), SmootherConfig())
     assert found.cost == pytest.approx(cost, rel=1e-6)
+
+
+def test_smoothing_tries_a_start_along_the_chain_where_its_own_is_hopeless() -> None:
+    problem, cost = from_odometry(1, 0.1, 1000)
+    config = SmootherConfig(engine="chain")
+    plain = minimise(problem, config)
+    assert misfit(problem, plain) > HOPELESS
+    found = solve(problem, config)
+    assert found.cost == pytest.approx(cost, rel=1e-6)
+    assert found.converged
+    assert found.iterations > plain.iterations
 
 
 # ---- which engine ------------------------------------------------------------------------------

@@ -24,8 +24,8 @@ KINDS = {
     "isam2": "smoothing as it drives, causal",
     "fixed-lag": "smoothing a few seconds late",
     "smoother": "whole run at once",
-    "ekf-window": "filter that forgets, odometry calibrated by itself",
-    "loops": "whole run at once, all loops closed that can be",
+    "ekf-window": "filter that forgets",
+    "loops": "whole run, loops closed",
 }
 
 

@@ -72,6 +72,7 @@ def write_report(record: Record, folder: Path) -> None:
         warnings=record.info["warnings"],
         unobserved=_unobserved(record),
         rejected=tables.rejected(record),
+        quantities=tables.quantities(record),
         timings=tables.timings(record.timings),
         latency=tables.latency(record.timings),
         check=record.info.get("check"),

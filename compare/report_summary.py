@@ -62,8 +62,8 @@ SUMMARY: tuple[tuple[str, str, str, tuple[Figure, ...]], ...] = (
         "Lines",
         "",
         (
-            Figure("landmarks in the map", ("landmarks",), best=None),
-            Figure("seen in truth", ("map", "true_lines_seen"), best=None),
+            Figure("landmarks in the map, of all kinds", ("landmarks",), best=None),
+            Figure("lines seen in truth", ("map", "true_lines_seen"), best=None),
             Figure("matched", ("map", "matched"), best=max),
             Figure("missed", ("map", "missed")),
             Figure("spurious", ("map", "spurious")),

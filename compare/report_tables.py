@@ -247,17 +247,8 @@ def facts(record: Record) -> list[dict[str, str]]:
             {"label": f"Engine of the {name}", "value": engine}
             for name, engine in record.info.get("engine", {}).items()
         ),
-        *(
-            {"label": f"{found[0].upper()}{found[1:]} ({name})", "value": _measured(*measured)}
-            for name, quantities in list(record.info.get("quantities", {}).items())[-1:]
-            for found, measured in quantities.items()
-        ),
         {"label": "Version", "value": str(record.info["versions"]["floorline-slam"])},
     ]
-
-
-def _measured(value: float, sigma: float) -> str:
-    return f"{value:.4f} ± {sigma:.4f}" if sigma > 0 else f"{value:.4f}"
 
 
 def _truth(record: Record) -> str:
@@ -267,6 +258,20 @@ def _truth(record: Record) -> str:
     if len(record.truth.points):
         parts.append(f"{len(record.truth.points)} points")
     return " and ".join(parts) or "none"
+
+
+def quantities(record: Record) -> list[dict[str, str]]:
+    """Returns what methods found besides path and map, with its unit in the name, and one sigma."""
+    return [
+        {
+            "by": name,
+            "quantity": quantity,
+            "value": f"{value:.4f}",
+            "sigma": f"{sigma:.4f}" if sigma > 0 else DASH,
+        }
+        for name, found in record.info.get("quantities", {}).items()
+        for quantity, (value, sigma) in found.items()
+    ]
 
 
 def rejected(record: Record) -> list[dict[str, str]]:

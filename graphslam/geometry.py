@@ -13,8 +13,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import guvectorize, njit, vectorize
+from numba import njit, vectorize
 from numpy.typing import NDArray
+
+from graphslam.compiled import guvectorize
 
 Array = NDArray[np.float64]
 
@@ -139,7 +141,7 @@ def predict_line(x, y, theta, rho, alpha):  # type: ignore[no-untyped-def]
     return rho - x * math.cos(alpha) - y * math.sin(alpha), alpha - theta
 
 
-@guvectorize(["void(f8[:], f8[:], f8[:])"], "(l),(p)->(l)", cache=True)
+@guvectorize(["void(f8[:], f8[:], f8[:])"], "(l),(p)->(l)")
 def _line_to_robot(line_floor, pose, out):  # type: ignore[no-untyped-def]
     out[0], alpha = predict_line(pose[0], pose[1], pose[2], line_floor[0], line_floor[1])
     out[1] = wrap(alpha)

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import guvectorize
 
+from graphslam.compiled import guvectorize
 from graphslam.geometry import Array, wrap
 
 SURE_RANGE = 0.06
@@ -23,7 +23,6 @@ REFINEMENTS = 6
 @guvectorize(
     ["void(f8[:], f8[:], f8[:], f8[:], f8[:,:], f8[:,:])"],
     "(p),(l),(d)->(d),(d,p),(d,l)",
-    cache=True,
 )
 def bearing_residual(pose, landmark, z, e, J_e_pose, J_e_landmark):  # type: ignore[no-untyped-def]
     """Returns the residual of a bearing and its Jacobians, wrapped.

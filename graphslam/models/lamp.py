@@ -6,15 +6,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import guvectorize
 
+from graphslam.compiled import guvectorize
 from graphslam.geometry import Array, compose_jacobians, wrap
 
 
 @guvectorize(
     ["void(f8[:], f8[:], f8[:], f8[:], f8[:,:], f8[:,:])"],
     "(p),(l),(d)->(d),(d,p),(d,l)",
-    cache=True,
 )
 def lamp_residual(pose, landmark, z, e, J_e_pose, J_e_landmark):  # type: ignore[no-untyped-def]
     """Returns the residual of a lamp's sighting and its Jacobians, the axis modulo pi.

@@ -6,16 +6,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import guvectorize
 
 from graphslam import geometry
+from graphslam.compiled import guvectorize
 from graphslam.geometry import Array, predict_line, wrap
 
 
 @guvectorize(
     ["void(f8[:], f8[:], f8[:], f8[:], f8[:,:], f8[:,:])"],
     "(p),(l),(d)->(d),(d,p),(d,l)",
-    cache=True,
 )
 def line_residual(pose, landmark, z, e, J_e_pose, J_e_landmark):  # type: ignore[no-untyped-def]
     """Returns the residual of a line sighting and its Jacobians, modulo the twin.

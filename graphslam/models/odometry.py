@@ -6,9 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import guvectorize, njit
+from numba import njit
 from numpy.typing import NDArray
 
+from graphslam.compiled import guvectorize
 from graphslam.errors import BadConfig
 from graphslam.geometry import Array, between, interpolate_poses, wrap
 
@@ -106,7 +107,7 @@ def _wheel_step(left, right, r_left, r_right, base, V):  # type: ignore[no-untyp
     return x, y, turn, length
 
 
-@guvectorize(["void(f8[:], f8[:], f8[:], f8[:], f8[:,:])"], "(w),(g),(p)->(p),(p,w)", cache=True)
+@guvectorize(["void(f8[:], f8[:], f8[:], f8[:], f8[:,:])"], "(w),(g),(p)->(p),(p,w)")
 def _wheel_increment(rotation, drive, dummy, increment, V):  # type: ignore[no-untyped-def]
     x, y, turn, _ = _wheel_step(rotation[0], rotation[1], drive[0], drive[1], drive[2], V)
     increment[0], increment[1], increment[2] = x, y, turn
@@ -293,7 +294,6 @@ def _with_floor(
 @guvectorize(
     ["void(f8[:], f8[:], f8[:], f8[:], f8[:,:], f8[:,:])"],
     "(p),(p),(p)->(p),(p,p),(p,p)",
-    cache=True,
 )
 def odometry_residual(pose_i, pose_j, increment, e, J_e_i, J_e_j):  # type: ignore[no-untyped-def]
     """Returns ``between(pose_i, pose_j) - increment`` and its Jacobians, frame of node i.

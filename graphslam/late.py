@@ -153,7 +153,14 @@ class Past:
         run.history.cut(entries)
         for first, table in run.measurements.tables():
             since = slice(first + int(np.searchsorted(table.node, node)), first + len(table))
-            run.match[since], run.used[since], run.nis[since] = -1, False, np.nan
+            self._unmatch(since)
+            for track in run.waiting.tracks:  # a landmark that started later took these, too
+                if track.kind == table.kind:
+                    self._unmatch(first + np.array(track.rows))
+
+    def _unmatch(self, sightings: slice | IntArray) -> None:
+        run = self._run
+        run.match[sightings], run.used[sightings], run.nis[sightings] = -1, False, np.nan
 
     def forget(self, arrivals: Arrivals, now: int) -> None:
         """Drops what nothing awaits any more at node ``now``."""

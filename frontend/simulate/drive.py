@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +40,8 @@ class Drive:
     wheel_true: Array
     wheel_angle: Array
     frame_t: Array
-    overhead_t: Array
-    omni_t: Array
+    overhead_t: Array = field(default_factory=lambda: np.zeros(0))
+    omni_t: Array = field(default_factory=lambda: np.zeros(0))
 
     def pose_at_frames(self) -> Array:
         """Returns the true poses (I, 3) at the frames, floor frame."""

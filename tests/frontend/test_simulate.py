@@ -21,6 +21,7 @@ from frontend.simulate import (
     simulate,
     simulate_log,
 )
+from frontend.simulate.ceiling import Ceiling, Lamp, LampSpec, UpwardCamera
 from frontend.simulate.cones import Cone, OmniSpec
 from frontend.simulate.drive import Drive, drive
 from frontend.simulate.floor import FloorLine, Groove, Light, LineGrid, Surface
@@ -579,6 +580,10 @@ def test_every_key_is_documented() -> None:
         TagMount,
         Cone,
         OmniSpec,
+        Ceiling,
+        Lamp,
+        LampSpec,
+        UpwardCamera,
     ):
         for field in fields(part):
             assert re.search(rf"`(\w+\.)?{field.name}`|\[{field.name}\]", text), field.name
@@ -592,7 +597,9 @@ def test_shipped_scenarios_are_found_by_name() -> None:
     assert scenario_names() == (
         "atali",
         "atali-trouble",
+        "cones-outdoors",
         "corridor",
+        "four-lamps",
         "grid",
         "huge",
         "long-loop",
@@ -604,6 +611,7 @@ def test_shipped_scenarios_are_found_by_name() -> None:
         "santana-loc-1",
         "santana-loc-2",
         "santana-slam",
+        "three-cones",
     )
 
 
@@ -613,8 +621,9 @@ def test_shipped_scenario_loads_under_its_own_name_and_something_is_seen(name: s
     assert scenario.name == name
     two_laps = replace(scenario, repeat=min(2, scenario.repeat))
     log, run = simulate_log(two_laps), drive_of(two_laps)
-    seen = log.sightings if scenario.sees_lines else log.pose_fixes
-    assert len(np.unique(seen.t)) > 0.4 * len(run.frame_t)
+    parts = (log.sightings, log.pose_fixes, log.bearings, log.lamps)
+    seen = np.concatenate([part.t for part in parts if part is not None])
+    assert len(np.unique(seen)) > 0.4 * len(run.frame_t)
     per_interval = scenario.encoder.rate / scenario.rate
     assert per_interval == pytest.approx(round(per_interval))
 

@@ -8,38 +8,38 @@ from dataclasses import replace
 
 import numpy as np
 
-from frontend.columns import later
 from frontend.config import ExtractConfig, NoiseConfig
 from frontend.log import Log, with_camera_offset
 from frontend.nodes import (
-    Nodes,
     choose_nodes,
     line_times,
     odometry_at,
     odometry_part,
     odometry_times,
-    velocities,
 )
 from frontend.pose_fixes import fix_warnings, pose_fixes, start_of
-from frontend.sighting_tables import at_nodes as _at_nodes
-from frontend.sighting_tables import table as _table
-from frontend.truth import true_lamps, true_lines, true_points
+from frontend.seen import (
+    UNREADABLE,
+    UNREADABLE_CEILING,
+    UNREADABLE_OMNI,
+    seen_bearings,
+    seen_lamps,
+    seen_lines,
+    seen_walls,
+)
+from frontend.sighting_tables import at_nodes, table
+from frontend.truth import true_lines
 from graphslam.geometry import Array, wrap
-from graphslam.measurements import IntArray, Measurements, Odometry, Sightings
+from graphslam.measurements import Measurements, Sightings
 
 Progress = Callable[[int, int], None]
 
-UNREADABLE = "image that cannot be read"
 NODE_OUTSIDE = "node outside the wheel record"
-UNREADABLE_SCAN = "scan that cannot be read"
-SAME_TIME = "scan of the same time as the one before it"
 UNREADABLE_CURE = {
     True: "write them again, or remove their rows from images.csv",
     False: "see what the camera's driver reports",
 }
 LINE_OUTSIDE = "line outside the wheel record"
-UNREADABLE_OMNI = "omnidirectional image that cannot be read"
-UNREADABLE_CEILING = "image of the ceiling that cannot be read"
 BEARING_OUTSIDE = "bearing outside the wheel record"
 LAMP_OUTSIDE = "lamp outside the wheel record"
 
@@ -71,9 +71,9 @@ def extract(
     rejected[NODE_OUTSIDE] += len(nodes.chosen) - len(t)
     lines = _given_lines(log, nodes.of_lines, t, rejected)
     if lines is None:
-        lines = _seen_lines(log, nodes, config, rejected, progress)
+        lines = seen_lines(log, nodes, config, rejected, progress)
     if lines is None:
-        lines = _seen_walls(log, nodes, config, rejected, progress)
+        lines = seen_walls(log, nodes, config, rejected, progress)
     odometry = odometry_at(log, t, config.noise)
     fixes = pose_fixes(log, nodes, odometry, config, rejected, progress)
     start_pose, start_cov = start_of(log, fixes, odometry)
@@ -81,9 +81,9 @@ def extract(
         _with_noise(lines, config.noise),
         fixes,
         _bearings(log, nodes.chosen, t, rejected),
-        _seen_bearings(log, nodes, config, rejected),
+        seen_bearings(log, nodes, config, rejected),
         _lamps(log, nodes.chosen, t, rejected),
-        _seen_lamps(log, nodes, odometry, config, rejected, progress),
+        seen_lamps(log, nodes, odometry, config, rejected, progress),
     )
     return Measurements(
         t=t,
@@ -189,11 +189,11 @@ def _given_lines(log: Log, chosen: Array, t: Array, rejected: Counter[str]) -> S
     given = log.sightings
     if given is None:
         return None
-    rows, node, rejected[LINE_OUTSIDE] = _at_nodes(given.t, chosen, t)
+    rows, node, rejected[LINE_OUTSIDE] = at_nodes(given.t, chosen, t)
     truth = given.truth[rows]
     if not np.any(given.truth >= 0):
         truth = true_lines(log, given.t[rows], given.z[rows], given.extent[rows])
-    return _table(
+    return table(
         "line",
         node,
         given.z[rows],
@@ -215,8 +215,8 @@ def _bearings(log: Log, chosen: Array, t: Array, rejected: Counter[str]) -> Sigh
     given = log.bearings
     if given is None:
         return None
-    rows, node, rejected[BEARING_OUTSIDE] = _at_nodes(given.t, chosen, t)
-    return _table(
+    rows, node, rejected[BEARING_OUTSIDE] = at_nodes(given.t, chosen, t)
+    return table(
         "bearing",
         node,
         log.bearing_correction.of(given.z[rows]),
@@ -227,144 +227,18 @@ def _bearings(log: Log, chosen: Array, t: Array, rejected: Counter[str]) -> Sigh
     )
 
 
-def _seen_bearings(
-    log: Log, nodes: Nodes, config: ExtractConfig, rejected: Counter[str]
-) -> Sightings | None:
-    """Returns the directions of landmarks that images at the nodes show, ordered by node."""
-    from frontend.cones import bearings_in_images
-
-    numbers = log.omni_images()
-    if log.images is None or not len(numbers):
-        return None
-    wanted = np.intersect1d(nodes.t, nodes.of_lines)
-    numbers = numbers[np.isin(log.images.t[numbers], wanted)]
-    found, source, unreadable = bearings_in_images(log, numbers, config)
-    rejected.update({**found.rejected, UNREADABLE_OMNI: unreadable})
-    times = log.images.t[source]
-    return _table(
-        "bearing",
-        np.searchsorted(nodes.t, times),
-        found.z,
-        found.cov,
-        times,
-        quality=found.area,
-        source=source,
-        truth=true_points(log, times, found.z[:, 0], found.label),
-        label=found.label,
-    )
-
-
 def _lamps(log: Log, chosen: Array, t: Array, rejected: Counter[str]) -> Sightings | None:
     given = log.lamps
     if given is None:
         return None
-    rows, node, rejected[LAMP_OUTSIDE] = _at_nodes(given.t, chosen, t)
-    return _table(
+    rows, node, rejected[LAMP_OUTSIDE] = at_nodes(given.t, chosen, t)
+    return table(
         "lamp",
         node,
         given.z[rows],
         given.cov[rows],
         given.t_received[rows],
         truth=given.truth[rows],
-    )
-
-
-def _seen_lamps(
-    log: Log,
-    nodes: Nodes,
-    odometry: Odometry,
-    config: ExtractConfig,
-    rejected: Counter[str],
-    progress: Progress | None,
-) -> Sightings | None:
-    """Returns the lamps that the images at the nodes show, ordered by node."""
-    from frontend.image_lamps import lamps_in_images
-    from frontend.lamps import motion_covariance
-
-    numbers = log.ceiling_images()
-    if log.images is None or not len(numbers):
-        return None
-    wanted = np.intersect1d(nodes.t, nodes.of_lines)
-    numbers = numbers[np.isin(log.images.t[numbers], wanted)]
-    found, source, unreadable = lamps_in_images(log, numbers, config, progress)
-    rejected.update({**found.rejected, UNREADABLE_CEILING: unreadable})
-    times = log.images.t[source]
-    node = np.searchsorted(nodes.t, times)
-    speed = velocities(nodes.t, odometry)[node]
-    return _table(
-        "lamp",
-        node,
-        found.z,
-        found.cov + motion_covariance(found.z, speed, config.lamps.timing_s),
-        _received(log, source),
-        quality=found.visible,
-        source=source,
-        truth=true_lamps(log, times, found.z),
-    )
-
-
-def _received(log: Log, source: IntArray) -> Array:
-    """Returns when what each of the images ``source`` (K,) shows is known, s."""
-    assert log.images is not None, "sightings come from images"
-    cameras = {**log.cameras, **log.ceiling}
-    names = [log.images.camera[number] for number in source.tolist()]
-    delay = np.array([cameras[name].delay_s for name in names], float)
-    t = log.images.t[source]
-    return np.where(delay > 0, later(t, delay), t)
-
-
-def _seen_lines(
-    log: Log, nodes: Nodes, config: ExtractConfig, rejected: Counter[str], progress: Progress | None
-) -> Sightings | None:
-    """Returns the lines that the images at the nodes show, ordered by node."""
-    from frontend.image_lines import lines_in_images
-
-    numbers = log.floor_images()
-    if log.images is None or not len(numbers):
-        return None
-    wanted = np.intersect1d(nodes.t, nodes.of_lines)
-    numbers = numbers[np.isin(log.images.t[numbers], wanted)]
-    lines, source, unreadable = lines_in_images(log, numbers, config, progress)
-    rejected.update({**lines.rejected, UNREADABLE: unreadable})
-    times = log.images.t[source]
-    return _table(
-        "line",
-        np.searchsorted(nodes.t, times),
-        lines.z,
-        lines.cov,
-        _received(log, source),
-        extent=lines.extent,
-        quality=lines.quality,
-        source=source,
-        truth=true_lines(log, times, lines.z, lines.extent),
-    )
-
-
-def _seen_walls(
-    log: Log, nodes: Nodes, config: ExtractConfig, rejected: Counter[str], progress: Progress | None
-) -> Sightings | None:
-    """Returns the walls that the scans at the nodes show, ordered by node."""
-    if log.scans is None or not log.has_walls():
-        return None
-    from frontend.walls import walls_in_scans
-
-    times = log.scans.t
-    # of scans that share a time the first stands for its node
-    first = np.concatenate([[True], np.diff(times) > 0])
-    numbers = np.flatnonzero(first & np.isin(times, np.intersect1d(nodes.t, nodes.of_lines)))
-    walls, source, unreadable = walls_in_scans(log, numbers, config.walls, progress)
-    rejected.update({**walls.rejected, UNREADABLE_SCAN: unreadable})
-    rejected[SAME_TIME] += int(np.sum(~first))
-    return _table(
-        "line",
-        np.searchsorted(nodes.t, times[source]),
-        walls.z,
-        walls.cov,
-        times[source],
-        extent=walls.extent,
-        quality=walls.quality,
-        source=source,
-        truth=true_lines(log, times[source], walls.z, walls.extent),
     )
 
 

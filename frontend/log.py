@@ -270,18 +270,14 @@ class Log:
 
         Beside bearings that were already measured there are none.
         """
-        if self.images is None or self.bearings is not None:
-            return np.zeros(0, np.int64)
-        return np.flatnonzero([name in self.omni for name in self.images.camera])
+        return self._images_of(self.omni, found_already=self.bearings)
 
     def overhead_images(self) -> IntArray:
         """Returns the numbers (row in `images`) of the images that are searched for tags.
 
         Beside pose fixes that were already measured there are none.
         """
-        if self.images is None or self.pose_fixes is not None:
-            return np.zeros(0, np.int64)
-        return np.flatnonzero([name in self.overhead for name in self.images.camera])
+        return self._images_of(self.overhead, found_already=self.pose_fixes)
 
     def searched_images(self) -> IntArray:
         """Returns the numbers of all images that are searched for anything, in order."""
@@ -298,9 +294,12 @@ class Log:
 
         Beside lamps that were already detected there are none.
         """
-        if self.images is None or self.lamps is not None:
+        return self._images_of(self.ceiling, found_already=self.lamps)
+
+    def _images_of(self, cameras: Mapping[str, object], found_already: object) -> IntArray:
+        if self.images is None or found_already is not None:
             return np.zeros(0, np.int64)
-        return np.flatnonzero([name in self.ceiling for name in self.images.camera])
+        return np.flatnonzero([name in cameras for name in self.images.camera])
 
     def has_walls(self) -> bool:
         """Returns whether the lines of the log are walls in a laser's scans."""

@@ -6,14 +6,14 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from types import MappingProxyType
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
 from frontend.camera import LOOKS_AT, Camera
 from frontend.log import DEFAULT_CAMERA, UNKNOWN_WHEELS
-from frontend.omni import BearingCorrection, OmniCamera
-from frontend.overhead import OverheadCamera
+from frontend.omni import BearingCorrection
 from frontend.readers.omni_toml import OmniTable
 from frontend.readers.overhead_toml import OverheadTable
 from frontend.strict import from_dict, load_toml, nearest
@@ -172,81 +172,38 @@ def read_log_toml(path: Path) -> LogTable:
     return from_dict(LogTable, content, str(path), BadLog)
 
 
-def floor_cameras(path: Path, content: LogTable) -> tuple[dict[str, Camera], list[str]]:
-    """Returns the cameras that look at the floor, and the names of those that look elsewhere.
+class _Described(Protocol):
+    def camera(self, name: str) -> Any:
+        """Returns the camera; raises BadConfig where its numbers make none."""
+        ...
+
+
+SORTS: Mapping[str, tuple[str, type[_Described]]] = MappingProxyType(
+    {
+        "floor": ("cameras", CameraTable),
+        "omni": ("omni", OmniTable),
+        "overhead": ("overhead", OverheadTable),
+        "ceiling": ("ceiling", CameraTable),
+    }
+)
+"""By where a camera looks: the field of `Log` that holds it, and the keys that describe it."""
+
+
+def every_camera(path: Path, content: LogTable) -> dict[str, dict[str, Any]]:
+    """Returns the cameras of each sort, by name, under the name of the field of `Log` for them.
 
     Raises:
         BadLog: a camera is described wrongly.
     """
-    every = [(name, looks_at) for _, name, _, looks_at in _cameras(path, content)]
-    elsewhere = [name for name, looks_at in every if looks_at != "floor"]
-    return plane_cameras(path, content, "floor"), elsewhere
-
-
-def plane_cameras(path: Path, content: LogTable, plane: str) -> dict[str, Camera]:
-    """Returns the cameras that look at a plane: "floor" or "ceiling".
-
-    Raises:
-        BadLog: a camera is described wrongly.
-    """
-    cameras: dict[str, Camera] = {}
+    found: dict[str, dict[str, Any]] = {part: {} for part, _ in SORTS.values()}
     for at, name, table, looks_at in _cameras(path, content):
-        if looks_at != plane:
-            continue
-        given = from_dict(CameraTable, table, str(path), BadLog, at)
+        part, keys = SORTS[looks_at]
+        given = from_dict(keys, table, str(path), BadLog, at)
         try:
-            cameras[name] = given.camera(name)
+            found[part][name] = given.camera(name)
         except BadConfig as refused:
             raise BadLog(f"{path}: [{at}] {refused}") from None
-    return cameras
-
-
-def omni_cameras(path: Path, content: LogTable) -> dict[str, OmniCamera]:
-    """Returns the cameras that see all around.
-
-    Raises:
-        BadLog: a camera is described wrongly.
-    """
-    cameras: dict[str, OmniCamera] = {}
-    for at, name, table, looks_at in _cameras(path, content):
-        if looks_at == "omni":
-            given = from_dict(OmniTable, table, str(path), BadLog, at)
-            try:
-                cameras[name] = given.camera(name)
-            except BadConfig as refused:
-                raise BadLog(f"{path}: [{at}] {refused}") from None
-    return cameras
-
-
-def overhead_cameras(path: Path, content: LogTable) -> dict[str, OverheadCamera]:
-    """Returns the cameras that watch the robot from above.
-
-    Raises:
-        BadLog: a camera is described wrongly.
-    """
-    cameras: dict[str, OverheadCamera] = {}
-    for at, name, table, looks_at in _cameras(path, content):
-        if looks_at == "overhead":
-            given = from_dict(OverheadTable, table, str(path), BadLog, at)
-            try:
-                cameras[name] = given.camera(name)
-            except BadConfig as refused:
-                raise BadLog(f"{path}: [{at}] {refused}") from None
-    return cameras
-
-
-def every_camera(path: Path, content: LogTable) -> dict[str, Mapping[str, Any]]:
-    """Returns the cameras of each sort, under the name of the field of `Log` that holds them.
-
-    Raises:
-        BadLog: a camera is described wrongly.
-    """
-    return {
-        "cameras": floor_cameras(path, content)[0],
-        "omni": omni_cameras(path, content),
-        "overhead": overhead_cameras(path, content),
-        "ceiling": plane_cameras(path, content, "ceiling"),
-    }
+    return found
 
 
 def _cameras(path: Path, content: LogTable) -> Iterator[tuple[str, str, Any, str]]:

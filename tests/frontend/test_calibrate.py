@@ -21,7 +21,7 @@ from frontend.calibrate_matching import dots_of_points
 from frontend.calibrate_picture import calibration_picture, encoded
 from frontend.calibrate_target import Chessboard, chessboard_points, dot_points
 from frontend.camera import Camera
-from frontend.readers.log_toml import floor_cameras, read_log_toml
+from frontend.readers.log_toml import every_camera, read_log_toml
 from graphslam.errors import BadConfig, UnderConstrained
 from graphslam.geometry import Array
 from tests.frontend.targets import CAMERA, chessboard_paint, dots_paint, photograph
@@ -153,7 +153,7 @@ def test_the_block_for_log_toml_is_read_back_as_the_same_camera(tmp_path: Path) 
         found = calibrate_camera(raw, SIZE, fit_distortion=fit_distortion)
         path = tmp_path / "log.toml"
         path.write_text(f'format = "graphslam-log/1"\n{camera_toml(found)}')
-        cameras, _ = floor_cameras(path, read_log_toml(path))
+        cameras = every_camera(path, read_log_toml(path))["cameras"]
         assert cameras["floor"].image_size == SIZE
         assert floor_difference(cameras["floor"], found.camera) < 1e-7
 

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from frontend.colours import blob_pixels, centroid_sigma, cleaned, colour_mask, to_hsv
 from frontend.config import ExtractConfig, OmniConfig
-from frontend.images import read_bgr
+from frontend.images import check_size, read_bgr
 from frontend.log import Log
 from frontend.omni import OmniCamera
-from graphslam.errors import BadLog
 from graphslam.geometry import Array, wrap
 from graphslam.measurements import IntArray
 
@@ -142,12 +141,7 @@ def _search(log: Log, config: OmniConfig, number: int) -> DetectedBearings | Non
     bgr = read_bgr(path)
     if bgr is None:
         return None
-    size = bgr.shape[1::-1]
-    if size != camera.image_size:
-        raise BadLog(
-            f"{path}: is {size[0]} x {size[1]} pixels, but {log.described} says image_size = "
-            f"{list(camera.image_size)} for camera {camera.name!r}; correct it, and the centre"
-        )
+    check_size(bgr, camera.name, camera.image_size, path, log.described, "centre")
     return detect_bearings(bgr, camera, config)
 
 

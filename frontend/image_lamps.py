@@ -10,10 +10,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from frontend.config import ExtractConfig, LampConfig
-from frontend.images import read_grey
+from frontend.images import check_size, read_grey
 from frontend.lamps import DetectedLamps, detect_lamps
 from frontend.log import Log
-from graphslam.errors import BadLog
 from graphslam.measurements import IntArray
 
 
@@ -62,10 +61,5 @@ def _search(log: Log, number: int, config: LampConfig) -> DetectedLamps | None:
     grey = read_grey(path)
     if grey is None:
         return None
-    size = grey.shape[::-1]
-    if size != camera.image_size:
-        raise BadLog(
-            f"{path}: is {size[0]} x {size[1]} pixels, but {log.described} says image_size = "
-            f"{list(camera.image_size)} for camera {camera.name!r}; correct it, and the homography"
-        )
+    check_size(grey, camera.name, camera.image_size, path, log.described)
     return detect_lamps(grey, camera, config)

@@ -10,11 +10,10 @@ from concurrent.futures import Future, ThreadPoolExecutor
 import numpy as np
 
 from frontend.config import ExtractConfig
-from frontend.images import read_grey
+from frontend.images import check_size, read_grey
 from frontend.line_cache import Found, cache_key, keep, load
 from frontend.lines import DetectedLines, detect_lines
 from frontend.log import Log
-from graphslam.errors import BadLog
 from graphslam.measurements import IntArray
 
 
@@ -106,10 +105,5 @@ def _search(log: Log, number: int, config: ExtractConfig) -> DetectedLines | Non
     grey = read_grey(path)
     if grey is None:
         return None
-    size = grey.shape[::-1]
-    if size != camera.image_size:
-        raise BadLog(
-            f"{path}: is {size[0]} x {size[1]} pixels, but {log.described} says image_size = "
-            f"{list(camera.image_size)} for camera {camera.name!r}; correct it, and the homography"
-        )
+    check_size(grey, camera.name, camera.image_size, path, log.described)
     return detect_lines(grey, camera, config.detector)

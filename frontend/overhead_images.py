@@ -11,11 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from frontend.config import ExtractConfig
-from frontend.images import read_bgr
+from frontend.images import check_size, read_bgr
 from frontend.log import Log
 from frontend.overhead import BESIDE
 from frontend.tags import SeenTags, detect_tags
-from graphslam.errors import BadLog
 from graphslam.geometry import Array
 from graphslam.measurements import IntArray
 
@@ -87,11 +86,6 @@ def look(log: Log, number: int, config: ExtractConfig) -> SeenTags | None:
     bgr = read_bgr(image)
     if bgr is None:
         return None
-    size = bgr.shape[1::-1]
-    if size != eye.camera.image_size:
-        raise BadLog(
-            f"{log.images.name(number, log.folder)}: is {size[0]} x {size[1]} pixels, but "
-            f"{log.described} says image_size = {list(eye.camera.image_size)} for camera "
-            f"{eye.camera.name!r}; correct it, and the homography"
-        )
+    called = log.images.name(number, log.folder)
+    check_size(bgr, eye.camera.name, eye.camera.image_size, called, log.described)
     return detect_tags(bgr, eye, config.tags)

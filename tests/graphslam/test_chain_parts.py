@@ -17,7 +17,7 @@ from graphslam.smoother import engine_gtsam
 from graphslam.smoother.chain import minimise
 from graphslam.smoother.chain.dissection import stages
 from graphslam.smoother.chain.fronts import BLOCK, STRIP, _partial_cholesky
-from graphslam.smoother.chain.ordering import Groups, minimum_degree
+from graphslam.smoother.chain.ordering import DENSE, Groups, minimum_degree
 from graphslam.smoother.chain.symbolic import analyse
 from graphslam.smoother.problem import Problem
 from tests.graphslam.test_chain import correlation_units
@@ -59,6 +59,29 @@ def test_groups_leave_coupled_what_plain_elimination_leaves(seed: int) -> None:
     stage = np.random.default_rng(seed).integers(0, 1 + seed % 3, len(dims))
     groups = minimum_degree(start, member, dims, stage)
     assert sorted(groups.order.tolist()) == list(range(len(dims)))
+    for g, outer in enumerate(coupled_after(start, member, groups)):
+        bound = groups.bound[groups.bound_start[g] : groups.bound_start[g + 1]]
+        assert set(bound.tolist()) == outer
+        assert len(bound) == len(outer)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_in_very_many_cliques_goes_last_and_is_coupled_to_all_that_saw_it(
+    seed: int,
+) -> None:
+    rng = np.random.default_rng(seed)
+    start, member, dims = cliques(seed, 60, 400)
+    seen = [  # three variables, each in some of most cliques
+        np.append(member[a:b], 60 + np.flatnonzero(rng.random(3) < 0.3)) for a, b in pairwise(start)
+    ]
+    start = np.concatenate([[0], np.cumsum([len(part) for part in seen])])
+    dims, stage = np.append(dims, [2, 2, 3]), rng.integers(0, 1 + seed % 2, 63)
+    member = np.concatenate(seen)
+    assert np.bincount(member)[60:].min() > DENSE * np.sqrt(400)
+    assert np.bincount(member)[:60].max() <= DENSE * np.sqrt(400)
+    groups = minimum_degree(start, member, dims, stage)
+    assert sorted(groups.order.tolist()) == list(range(63))
+    assert groups.order[-3:].tolist() == [60, 61, 62]
     for g, outer in enumerate(coupled_after(start, member, groups)):
         bound = groups.bound[groups.bound_start[g] : groups.bound_start[g + 1]]
         assert set(bound.tolist()) == outer

@@ -5,7 +5,9 @@ Eliminating a variable joins the cliques that hold it into one, which is all the
 symbolic factorisation needs.
 
 Source: Amestoy, Davis, Duff, 'An approximate minimum degree ordering algorithm' (1996): quotient
-graph, approximate external degree, element absorption, mass elimination.
+graph, approximate external degree, element absorption, mass elimination; variables in very many
+cliques (*dense* ones: the few lines seen all along the way) go last, together. Looking through all
+their cliques at each elimination would take time with the square of the way.
 """
 
 # mypy: disallow-untyped-decorators=False
@@ -19,6 +21,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from graphslam.measurements import IntArray
+
+DENSE, DENSE_LEAST = 4.0, 64.0
+"""A variable is dense in more cliques than the first times the root of their number, at least the
+second: far more than others are in, and so few of them that one front for all costs little.
+"""
 
 
 class Groups(NamedTuple):
@@ -44,6 +51,7 @@ class Quotient(NamedTuple):
 
     Attributes:
         first: where each clique's variables start in the pool.
+        middle: where the dense ones start among them.
         last: where they end.
         weight: scalars of each clique.
         alive: whether it is not yet part of another one.
@@ -57,9 +65,12 @@ class Quotient(NamedTuple):
         after: (n,) next variable of the same degree.
         before: (n,) the one before it.
         gone: (n,) whether a variable is eliminated.
+        dense: (n,) whether it is in so many cliques that it goes last; those are not kept up to
+            date in ``of``.
     """
 
     first: IntArray
+    middle: IntArray
     last: IntArray
     weight: IntArray
     alive: NDArray[np.bool_]
@@ -73,6 +84,7 @@ class Quotient(NamedTuple):
     after: IntArray
     before: IntArray
     gone: NDArray[np.bool_]
+    dense: NDArray[np.bool_]
 
 
 def minimum_degree(start: IntArray, member: IntArray, dims: IntArray, stage: IntArray) -> Groups:
@@ -83,7 +95,7 @@ def minimum_degree(start: IntArray, member: IntArray, dims: IntArray, stage: Int
         member: variables of each clique, each once.
         dims: (n,) scalars of each variable.
         stage: (n,) variables of a lower stage go before those of a higher one, unless they cost
-            nothing.
+            nothing. Dense ones go last, whatever their stage.
     """
     return Groups(*_minimum_degree(start, member, dims, stage))
 
@@ -91,20 +103,20 @@ def minimum_degree(start: IntArray, member: IntArray, dims: IntArray, stage: Int
 @njit(cache=True)
 def _minimum_degree(start, member, dims, stage):  # type: ignore[no-untyped-def]
     n, cliques = len(dims), len(start) - 1
-    q = _quotient(start, member, dims)
     pool, used = np.empty(2 * len(member) + 16, np.int64), len(member)
-    pool[:used] = member
+    q = _quotient(start, member, dims, pool)
     group_start, order = np.zeros(n + 1, np.int64), np.zeros(n, np.int64)
     bound_start, bound_stop = np.zeros(n, np.int64), np.zeros(n, np.int64)
     stamp, left = np.full(n, -1, np.int64), dims.sum()
     groups, done, lowest, now = 0, 0, len(q.head), -1
-    while done < n:
+    sparse = n - np.count_nonzero(q.dense)
+    while done < sparse:
         while lowest < len(q.head) and q.head[lowest] < 0:
             lowest += 1
         if lowest == len(q.head):
             now, lowest = now + 1, 0
             for v in range(n):
-                if stage[v] == now and not q.gone[v]:
+                if stage[v] == now and not q.gone[v] and not q.dense[v]:
                     _insert(q, v)
             continue
         p, new = q.head[lowest], cliques + groups
@@ -113,10 +125,10 @@ def _minimum_degree(start, member, dims, stage):  # type: ignore[no-untyped-def]
         done += 1
         left -= dims[p]
         pool = _with_room(q, p, pool, used)
-        end = _join(q, p, new, pool, used, stamp, dims)
-        _measure(q, new, pool, used, end, dims)
+        middle, end = _join(q, p, new, pool, used, stamp, dims)
+        _measure(q, new, pool, used, middle, stamp, dims)
         keep = used
-        for i in range(used, end):
+        for i in range(used, middle):
             v = pool[i]
             if stage[v] == now:
                 _remove(q, v)
@@ -136,25 +148,47 @@ def _minimum_degree(start, member, dims, stage):  # type: ignore[no-untyped-def]
             if stage[v] == now:
                 lowest = min(lowest, q.degree[v])
                 _insert(q, v)
-        q.first[new], q.last[new], q.alive[new] = used, keep, True
+        q.first[new], q.middle[new], q.alive[new] = used, keep, True
+        for i in range(middle, end):
+            pool[keep] = pool[i]
+            keep += 1
+        q.last[new] = keep
         bound_start[groups], bound_stop[groups] = used, keep
         used = keep
         groups += 1
         group_start[groups] = done
+    if sparse < n:
+        order[sparse:] = np.flatnonzero(q.dense)
+        bound_start[groups] = bound_stop[groups] = used
+        groups += 1
+        group_start[groups] = n
     return _packed(groups, group_start, order, bound_start, bound_stop, pool)
 
 
 @njit(cache=True)
-def _quotient(start, member, dims):  # type: ignore[no-untyped-def]
+def _quotient(start, member, dims, pool):  # type: ignore[no-untyped-def]
+    """Returns the system before any elimination, its cliques written to the pool, dense last."""
     n, cliques = len(dims), len(start) - 1
     of_start, of, of_count = _cliques_of(start, member, n)
     room = cliques + n
-    first, last = np.zeros(room, np.int64), np.zeros(room, np.int64)
+    first, middle, last = (
+        np.zeros(room, np.int64),
+        np.zeros(room, np.int64),
+        np.zeros(room, np.int64),
+    )
     weight, alive = np.zeros(room, np.int64), np.zeros(room, np.bool_)
+    dense = of_count > max(DENSE_LEAST, DENSE * np.sqrt(cliques))
     for e in range(cliques):
         first[e], last[e], alive[e] = start[e], start[e + 1], True
-        for at in range(start[e], start[e + 1]):
-            weight[e] += dims[member[at]]
+        fill = start[e]
+        for wanted in (False, True):
+            for at in range(start[e], start[e + 1]):
+                if dense[member[at]] == wanted:
+                    pool[fill] = member[at]
+                    fill += 1
+                    weight[e] += dims[member[at]]
+            if not wanted:
+                middle[e] = fill
     degree, total = np.zeros(n, np.int64), dims.sum()
     for v in range(n):
         for at in range(of_start[v], of_start[v] + of_count[v]):
@@ -162,6 +196,7 @@ def _quotient(start, member, dims):  # type: ignore[no-untyped-def]
         degree[v] = min(degree[v], total)
     return Quotient(
         first,
+        middle,
         last,
         weight,
         alive,
@@ -175,6 +210,7 @@ def _quotient(start, member, dims):  # type: ignore[no-untyped-def]
         np.full(n, -1, np.int64),
         np.full(n, -1, np.int64),
         np.zeros(n, np.bool_),
+        dense,
     )
 
 
@@ -193,23 +229,29 @@ def _with_room(q, p, pool, used):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _join(q, p, new, pool, used, stamp, dims):  # type: ignore[no-untyped-def]
-    """Writes all that share a clique with ``p`` to the pool, as clique ``new``; returns its end."""
-    end, stamp[p] = used, new
-    for at in range(q.of_start[p], q.of_start[p] + q.of_count[p]):
-        e = q.of[at]
-        q.alive[e] = False
-        for i in range(q.first[e], q.last[e]):
-            v = pool[i]
-            if stamp[v] != new:
-                stamp[v] = new
-                pool[end] = v
-                end += 1
-                q.weight[new] += dims[v]
-    return end
+    """Writes all that share a clique with ``p`` to the pool, as clique ``new``, dense ones last.
+
+    Returns where the dense ones start, and its end.
+    """
+    end, middle, stamp[p] = used, used, new
+    for dense in (False, True):
+        middle = end
+        for at in range(q.of_start[p], q.of_start[p] + q.of_count[p]):
+            e = q.of[at]
+            q.alive[e] = False
+            a, b = (q.middle[e], q.last[e]) if dense else (q.first[e], q.middle[e])
+            for i in range(a, b):
+                v = pool[i]
+                if stamp[v] != new:
+                    stamp[v] = new
+                    pool[end] = v
+                    end += 1
+                    q.weight[new] += dims[v]
+    return middle, end
 
 
 @njit(cache=True)
-def _measure(q, new, pool, used, end, dims):  # type: ignore[no-untyped-def]
+def _measure(q, new, pool, used, end, stamp, dims):  # type: ignore[no-untyped-def]
     """Fills how much of every clique that touches the new one lies outside it."""
     for i in range(used, end):
         v = pool[i]
@@ -219,6 +261,9 @@ def _measure(q, new, pool, used, end, dims):  # type: ignore[no-untyped-def]
             if q.alive[e]:
                 if q.seen[e] != new:
                     q.seen[e], q.outside[e] = new, q.weight[e]
+                    for k in range(q.middle[e], q.last[e]):
+                        if stamp[pool[k]] == new:
+                            q.outside[e] -= dims[pool[k]]
                 q.outside[e] -= dims[v]
                 q.of[kept] = e
                 kept += 1

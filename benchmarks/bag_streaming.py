@@ -22,7 +22,8 @@ import numpy as np
 
 from frontend.camera import Camera
 from frontend.images import decoded
-from frontend.log import ImageList, Log, Wheels
+from frontend.log import Log
+from frontend.log_parts import ImageList, Wheels
 from frontend.write_bag import robot_file_text, write_bag
 from graphslam.models.odometry import DifferentialDrive
 

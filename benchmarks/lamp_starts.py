@@ -126,7 +126,7 @@ def run_case(floor: Building, seed: int) -> Case | None:
     seen = sorted(lamp for lamp, count in counts.items() if count >= LEAST_SEEN)
     if not seen:
         return None
-    answer = find_start(floor, extract(log), log.ceiling["up"])
+    answer = find_start(floor, extract(log), log.cameras["up"])
     near = [_near(start.pose, log.start_pose) for start in answer.starts]
     right = near[0] if answer.decided else any(near)
     path = log.truth.pose[log.truth.t >= log.lamps.t[0]][::20]

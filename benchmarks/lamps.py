@@ -139,7 +139,7 @@ class Covariance:
 
 def covariance_along(log: Log) -> Covariance:
     """Returns the filter's covariance along the way."""
-    assert log.ceiling
+    assert log.looking_at("ceiling")
     settings = ExtractConfig(lamps=LampConfig(size_m=(0.6, 0.25)))
     measurements = extract(log, settings)
     estimate = run_ekf(measurements)

@@ -13,7 +13,8 @@ import numpy as np
 
 from frontend.config import ExtractConfig
 from frontend.extract import extract
-from frontend.log import Log, Wheels, open_log
+from frontend.log import Log, open_log
+from frontend.log_parts import Wheels
 from frontend.simulate import load_scenario, simulate_log
 from frontend.simulate.scenario import Motion, Start
 from graphslam.measurements import IntArray, Measurements

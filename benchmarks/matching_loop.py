@@ -8,7 +8,7 @@ import numpy as np
 from matching_cases import Case
 
 from frontend.extract import extract
-from frontend.log import Wheels
+from frontend.log_parts import Wheels
 from frontend.simulate import load_scenario, simulate_log
 from frontend.simulate.floor import FloorLine
 from frontend.simulate.scenario import Motion, Scenario

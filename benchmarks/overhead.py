@@ -161,7 +161,7 @@ def trouble(seed: int) -> Mapping[str, Value]:
         "wrong": int(np.any(np.abs(off) > 6.0 * sigma, axis=1).sum()),
         "after": int(np.sum(t >= 150.0)),
         "told": sum(measurements.rejected.values()),
-        "images": len(log.overhead_images()),
+        "images": len(log.images_of("overhead")),
     }
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from frontend.calibrate_bearings import BearingCalibration
 from frontend.config import OmniConfig
 from frontend.log import Log
-from frontend.write_folder import correction_toml, omni_toml
+from frontend.write_folder import camera_toml, correction_toml
 
 
 def bearing_toml(found: BearingCalibration, name: str) -> str:
@@ -27,7 +27,7 @@ def bearing_toml(found: BearingCalibration, name: str) -> str:
     ]
     if found.camera is None:
         return "\n".join([*lines, "[bearings]", *correction_toml(found.correction), ""])
-    return "\n".join([*lines, *omni_toml(found.camera.name, found.camera), ""])
+    return "\n".join([*lines, *camera_toml(found.camera.name, found.camera), ""])
 
 
 def print_bearings(found: BearingCalibration, log: Log, config: OmniConfig) -> None:

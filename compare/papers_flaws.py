@@ -13,7 +13,8 @@ import numpy as np
 from frontend.calibrate_fit import fit_homography
 from frontend.camera import Camera
 from frontend.extract import extract
-from frontend.log import DEFAULT_CAMERA, LineSightings, Log
+from frontend.log import DEFAULT_CAMERA, Log
+from frontend.log_parts import LineSightings
 from frontend.simulate import Scenario, simulate_log
 from graphslam.geometry import Array, line_through, points_on_line, position_along
 from graphslam.measurements import IntArray, LandmarkMap, Measurements

@@ -98,9 +98,9 @@ def take_frames(
     if log.images is None:
         return None
     numbers = _chosen(log, measurements, estimates)
-    pictures = {}
+    floor, pictures = log.looking_at("floor"), {}
     for number in numbers.tolist():
-        camera = log.cameras.get(log.images.camera[number])
+        camera = floor.get(log.images.camera[number])
         picture = thumbnail(log.images.file[number], THUMBNAIL_WIDTH, camera)
         if picture is not None:
             pictures[number] = picture
@@ -136,7 +136,7 @@ def sighting_nodes(measurements: Measurements) -> IntArray:
 def _chosen(log: Log, measurements: Measurements, estimates: Mapping[str, Estimate]) -> IntArray:
     """Returns image numbers in the order of time, at most one a node of those spread evenly."""
     assert log.images is not None
-    numbers = log.floor_images()
+    numbers = log.images_of("floor")
     numbers = numbers[np.isin(log.images.t[numbers], measurements.t)]
     source = np.concatenate([np.zeros(0, np.int64), *(t.source for _, t in measurements.tables())])
     lines = np.bincount(source[source >= 0], minlength=len(log.images.t))[numbers]
@@ -155,13 +155,14 @@ def _lines_in(
 ) -> tuple[IntArray, IntArray, Array]:
     """Returns frame, row and ends (S, 2, 2) of all line sightings that the chosen images show."""
     assert log.images is not None
+    floor = log.looking_at("floor")
     frames, rows, ends = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros((0, 2, 2))]
     for first, table in measurements.tables():
         if table.kind != LINE.kind:
             continue
         starts = table.starts(len(measurements.t))
         for i, number in enumerate(chosen.tolist()):
-            camera = log.cameras.get(log.images.camera[number])
+            camera = floor.get(log.images.camera[number])
             here = np.arange(*starts[node[i] : node[i] + 2])
             here = here[np.isin(table.source[here], (number, -1))]
             if camera is None or not len(here):

@@ -262,7 +262,7 @@ def run_opened(
     if building is not None:
         from compare.places.section import places_section
 
-        camera = next(iter(log.ceiling.values()), None)
+        camera = next(iter(log.looking_at("ceiling").values()), None)
         info["places"] = places_section(building, measurements, estimates, camera)
     info["warnings"] += [f"{name} failed: {error}" for name, error in failed.items()]
     record = Record(

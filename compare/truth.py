@@ -268,9 +268,7 @@ def _seen(
 
 def _frames(log: Log, node_t: Array) -> Iterator[tuple[Camera, Array]]:
     """Yields each camera that looks at the floor with the times of its frames that are nodes."""
-    for name, camera in log.cameras.items():
-        if camera.looks_at != "floor":
-            continue
+    for name, camera in log.looking_at("floor").items():
         if log.images is None:
             yield camera, node_t
         else:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from frontend.cones import bearings_in_images
 from frontend.config import ExtractConfig
+from frontend.image_cones import bearings_in_images
 from frontend.log import Log
 from frontend.omni import MOST_HARMONICS, BearingCorrection, OmniCamera, correction_terms
 from graphslam.errors import BadConfig, BadLog
@@ -168,20 +168,21 @@ def known_directions(log: Log, config: ExtractConfig) -> tuple[KnownDirections, 
             f"{missing} is missing; add it"
         )
     camera: OmniCamera | None = None
-    numbers = log.omni_images()
+    numbers = log.images_of("omni")
     if log.bearings is not None:
         t, z = log.bearings.t, log.bearings.z[:, 0]
         sigma, label = np.sqrt(log.bearings.cov[:, 0, 0]), log.bearings.label
         pixel, named = np.full((len(t), 2), np.nan), log.bearings.truth
     elif log.images is not None and len(numbers):
-        if len(log.omni) > 1:
+        cameras = [*log.looking_at("omni").values()]
+        if len(cameras) > 1:
             raise BadLog(
                 f"{log.folder}: has several omnidirectional cameras; keep the images of one"
             )
-        camera = next(iter(log.omni.values()))
-        found, source, _ = bearings_in_images(log, numbers, config)
-        t, z, pixel = log.images.t[source], camera.measured(found.pixel), found.pixel
-        sigma, label = np.sqrt(found.cov[:, 0, 0]), found.label
+        camera, found = cameras[0], bearings_in_images(log, numbers, config)
+        t, pixel = log.images.t[found.source], found.seen.pixel
+        z, label = camera.measured(pixel), found.seen.label
+        sigma = np.sqrt(found.seen.cov[:, 0, 0])
         named = np.full(len(t), -1)
     else:
         raise BadLog(

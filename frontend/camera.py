@@ -66,10 +66,7 @@ class Camera:
         if len(size) != 2 or any(n != int(n) or n <= 0 for n in size):
             raise self._bad(f"image_size = {size}: give [width, height] in pixels, both positive")
         object.__setattr__(self, "image_size", (int(size[0]), int(size[1])))
-        if not 0 <= self.delay_s <= LONGEST_DELAY_S:
-            raise self._bad(
-                f"delay = {self.delay_s}: must be from 0 to {LONGEST_DELAY_S:g}, in seconds"
-            )
+        check_delay(self.name, self.delay_s)
         self._check_ignored()
         self._set_array("homography", (3, 3))
         if self.matrix is not None:
@@ -254,6 +251,14 @@ class Camera:
         leave = np.where(rate < 0, s, np.inf).min(axis=1)
         seen = (enter < leave) & ~np.any((rate == 0) & (gap > 0), axis=1)
         return np.where(seen[:, None], np.column_stack([enter, leave]), np.nan)
+
+
+def check_delay(name: str, delay_s: float) -> None:
+    """Raises BadConfig where what a camera's images show cannot be known so late, s."""
+    if not 0 <= delay_s <= LONGEST_DELAY_S:
+        raise BadConfig(
+            f"camera {name!r}: delay = {delay_s}: must be from 0 to {LONGEST_DELAY_S:g}, in seconds"
+        )
 
 
 def _apply(transform: Array, points: Array) -> Array:

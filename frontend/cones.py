@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from frontend.colours import blob_pixels, centroid_sigma, cleaned, colour_mask, to_hsv
-from frontend.config import ExtractConfig, OmniConfig
-from frontend.images import check_size, read_bgr
-from frontend.log import Log
+from frontend.config import OmniConfig
 from frontend.omni import OmniCamera
 from graphslam.geometry import Array, wrap
 from graphslam.measurements import IntArray
@@ -48,6 +43,12 @@ class DetectedBearings:
 
     def __len__(self) -> int:
         return len(self.z)
+
+
+NO_BEARINGS = DetectedBearings(
+    np.zeros((0, 1)), np.zeros((0, 1, 1)), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), {}
+)
+"""What an image without a landmark shows."""
 
 
 def detect_bearings(
@@ -105,44 +106,6 @@ def bearing_sigma(camera: OmniCamera, pixel: Array, area: Array, config: OmniCon
     r = np.maximum(np.hypot(off[:, 0], off[:, 1]), 1.0)
     across = np.hypot(centroid_sigma(area), config.centre_px)
     return np.asarray(np.hypot(across / r, np.radians(config.deformation_deg)))
-
-
-def bearings_in_images(
-    log: Log, numbers: IntArray, config: ExtractConfig
-) -> tuple[DetectedBearings, IntArray, int]:
-    """Returns all directions, image by image, each one's image number, and how many are unreadable.
-
-    Args:
-        log: with images and omnidirectional cameras.
-        numbers: which of the log's images to search.
-        config: thresholds, noise and workers.
-
-    Raises:
-        BadLog: an image has not the size that the log states.
-    """
-    with ThreadPoolExecutor(config.workers or os.cpu_count() or 1) as pool:  # OpenCV runs unlocked
-        answers = list(pool.map(partial(_search, log, config.omni), numbers.tolist()))
-    found = [answer for answer in answers if answer is not None]
-    source = [n for n, a in zip(numbers.tolist(), answers, strict=True) if a for _ in range(len(a))]
-    rejected: Counter[str] = Counter()
-    for one in found:
-        rejected.update(one.rejected)
-    empty = (np.zeros((0, 1)), np.zeros((0, 1, 1)), np.zeros(0, np.int64), np.zeros((0, 2)))
-    columns = zip(
-        (*empty, np.zeros(0)), *((f.z, f.cov, f.label, f.pixel, f.area) for f in found), strict=True
-    )
-    merged = DetectedBearings(*map(np.concatenate, columns), rejected)
-    return merged, np.array(source, np.int64), len(answers) - len(found)
-
-
-def _search(log: Log, config: OmniConfig, number: int) -> DetectedBearings | None:
-    assert log.images is not None
-    path, camera = log.images.file[number], log.omni[log.images.camera[number]]
-    bgr = read_bgr(path)
-    if bgr is None:
-        return None
-    check_size(bgr, camera.name, camera.image_size, path, log.described, "centre")
-    return detect_bearings(bgr, camera, config)
 
 
 def _without_base(pixels: Array, camera: OmniCamera, base_share: float) -> Array:

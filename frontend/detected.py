@@ -36,6 +36,12 @@ class DetectedLines:
         return len(self.z)
 
 
+NO_LINES = DetectedLines(
+    np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros((0, 2)), np.zeros(0), MappingProxyType({})
+)
+"""What an image without a line shows."""
+
+
 def line_covariance(z: Array, config: DetectorConfig) -> Array:
     """Returns covariances (K, 2, 2) of lines (K, 2) seen by a camera at the origin, robot frame.
 

@@ -81,7 +81,7 @@ def extract(
         _with_noise(lines, config.noise),
         fixes,
         _bearings(log, nodes.chosen, t, rejected),
-        seen_bearings(log, nodes, config, rejected),
+        seen_bearings(log, nodes, config, rejected, progress),
         _lamps(log, nodes.chosen, t, rejected),
         seen_lamps(log, nodes, odometry, config, rejected, progress),
     )
@@ -116,7 +116,7 @@ def extraction_warnings(log: Log, measurements: Measurements) -> tuple[str, ...]
             f"images of the ceiling that could not be read and were left out: "
             f"{rejected[UNREADABLE_CEILING]}; {UNREADABLE_CURE[log.described == 'log.toml']}"
         )
-    if len(log.ceiling_images()):
+    if len(log.images_of("ceiling")):
         found += _lamp_warnings(measurements)
     used, known = measurements.t, odometry_times(log)
     if NODE_OUTSIDE in rejected:
@@ -176,7 +176,7 @@ def _first_unreadable(log: Log, measurements: Measurements) -> str:
 
     assert log.images is not None, "only images can be unreadable"
     shown = measurements.sightings["line"].source
-    numbers = log.floor_images()
+    numbers = log.images_of("floor")
     numbers = numbers[np.isin(log.images.t[numbers], measurements.t) & ~np.isin(numbers, shown)]
     unreadable = (n for n in numbers.tolist() if read_grey(log.images.file[n]) is None)
     return log.images.name(next(unreadable), log.folder)

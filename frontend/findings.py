@@ -151,7 +151,7 @@ def _times(evidence: Evidence) -> Iterator[Finding]:
     yield from _uneven(odometry_label(log), moves.t)
     times = {log.labels["sightings"]: None if log.sightings is None else log.sightings.t}
     if log.images is not None:
-        times[log.labels["images"]] = log.images.t[log.floor_images()]
+        times[log.labels["images"]] = log.images.t[log.images_of("floor")]
     for file, all_times in times.items():
         if all_times is None or not len(all_times):
             continue

@@ -19,13 +19,13 @@ ENOUGH = 0.5
 
 def tag_findings(log: Log) -> Iterator[Finding]:
     """Yields a finding for each overhead camera that hardly ever sees the tags, with the reason."""
-    numbers = log.overhead_images()
+    numbers = log.images_of("overhead")
     if log.images is None or not len(numbers):
         return
-    from frontend.overhead_images import look
+    from frontend.image_tags import look
 
     names = np.array(log.images.camera, dtype=object)[numbers]
-    for name in log.overhead:
+    for name in log.looking_at("overhead"):
         mine = numbers[names == name]
         if not len(mine):
             continue

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.recorded import RecordedImage
-from graphslam.errors import BadLog
 
 PICTURE_QUALITY = 75
 """JPEG quality of pictures that are looked at, 0 to 100."""
@@ -61,32 +60,6 @@ def read_bgr(image: Path | RecordedImage) -> NDArray[np.uint8] | None:
         return decoded_bgr(image.read_bytes())
     except OSError:
         return None
-
-
-def check_size(
-    image: NDArray[np.uint8],
-    camera: str,
-    stated: tuple[int, int],
-    called: object,
-    described: str,
-    belongs: str = "homography",
-) -> None:
-    """Raises BadLog where an image has not the size that the log states.
-
-    Args:
-        image: (H, W) or (H, W, 3).
-        camera: its name.
-        stated: (width, height) that the camera should have, pixels.
-        called: what messages call the image.
-        described: what messages call the file that describes the camera.
-        belongs: what else of the camera goes with the size.
-    """
-    size = image.shape[1::-1]
-    if size != stated:
-        raise BadLog(
-            f"{called}: is {size[0]} x {size[1]} pixels, but {described} says image_size = "
-            f"{list(stated)} for camera {camera!r}; correct it, and the {belongs}"
-        )
 
 
 def decoded(data: bytes | memoryview | NDArray[np.uint8]) -> NDArray[np.uint8] | None:

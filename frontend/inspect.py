@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,12 +16,11 @@ from frontend.findings_tags import tag_findings
 from frontend.image_lines import lines_in_images
 from frontend.log import Log
 from frontend.moves import Moves, moves_of
+from frontend.search import Progress, in_order
 from frontend.turning import TurnCheck, check_turns
 from frontend.view import View, view_of
 from graphslam.geometry import Array
 from graphslam.measurements import IntArray
-
-Progress = Callable[[int, int], None]
 
 SAMPLE = 24
 """Frames of the sample, evenly spaced over the log."""
@@ -155,8 +152,8 @@ def inspect(
     sample = tuple(found[i] for i in sampled.tolist())
     alphas = [found[i].z[:, 1] for i in turning.tolist()]
     turns = check_turns(moves.t, moves.heading, t[turning], alphas, _sigma_alpha(log, detector))
-    cameras = [log.cameras[name] for name in sorted(log.cameras)]
-    views = tuple(view_of(camera, detector.coarsest_pixel_m) for camera in cameras)
+    cameras = sorted(log.looking_at("floor").items())
+    views = tuple(view_of(camera, detector.coarsest_pixel_m) for _, camera in cameras)
     evidence = Evidence(log, moves, views, sample, turns, detector)
     return Inspection(
         name=log.name,
@@ -168,7 +165,7 @@ def inspect(
         speed_mps=moves.typical_speed(),
         wheel_rate=_wheel_rate(log),
         views=views,
-        images=len(log.floor_images()),
+        images=len(log.images_of("floor")),
         frames=sample,
         turns=turns,
         needs=tuple(_needs(log)),
@@ -188,7 +185,7 @@ def _moments(log: Log) -> tuple[Array, IntArray]:
     """
     if log.sightings is not None:
         return np.unique(log.sightings.t, return_index=True)
-    numbers = log.floor_images()
+    numbers = log.images_of("floor")
     if log.images is None or not len(numbers):
         return np.zeros(0), np.zeros(0, np.int64)
     names = np.array(log.images.camera)[numbers]
@@ -215,8 +212,8 @@ def _look(log: Log, config: ExtractConfig, t: Array, rows: IntArray, moment: int
         z, extent = log.sightings.z[part], log.sightings.extent[part]
         return Frame(float(t[moment]), _image_at(log, float(t[moment])), True, z, extent)
     number = int(rows[moment])
-    lines, _, unreadable = lines_in_images(log, np.array([number]), config)
-    return Frame(float(t[moment]), number, not unreadable, lines.z, lines.extent)
+    found = lines_in_images(log, np.array([number]), config)
+    return Frame(float(t[moment]), number, not found.unreadable, found.seen.z, found.seen.extent)
 
 
 def _sigma_alpha(log: Log, detector: DetectorConfig) -> float:
@@ -230,19 +227,19 @@ def _image_at(log: Log, t: float) -> int:
     if log.images is None:
         return -1
     rows = np.flatnonzero(log.images.t == t).tolist()
-    return next((row for row in rows if log.images.camera[row] in log.cameras), -1)
+    floor = log.looking_at("floor")
+    return next((row for row in rows if log.images.camera[row] in floor), -1)
 
 
 def _in_parallel(
     look: Callable[[int], Frame], moments: IntArray, progress: Progress | None
 ) -> dict[int, Frame]:
-    """Returns the frames of moments; OpenCV releases the interpreter lock, so threads do."""
+    """Returns the frames of moments."""
     found: dict[int, Frame] = {}
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for moment, frame in zip(moments.tolist(), pool.map(look, moments.tolist()), strict=True):
-            found[moment] = frame
-            if progress is not None:
-                progress(len(found), len(moments))
+    for moment, frame in zip(moments.tolist(), in_order(look, moments, None), strict=True):
+        found[moment] = frame
+        if progress is not None:
+            progress(len(found), len(moments))
     return found
 
 
@@ -284,8 +281,8 @@ def _sources(log: Log) -> Iterator[Source]:
 
 def _needs(log: Log) -> Iterator[Need]:
     """Yields what is missing for each purpose."""
-    images = log.images is not None and len(log.floor_images()) > 0
-    others = len(np.setdiff1d(log.searched_images(), log.floor_images())) > 0
+    images = log.images is not None and len(log.images_of("floor")) > 0
+    others = len(np.setdiff1d(log.searched_images(), log.images_of("floor"))) > 0
     given = log.sightings is not None and len(log.sightings.t) > 0
     fixes = log.pose_fixes is not None and len(log.pose_fixes.t) > 0
     points = any(part is not None and len(part.t) > 0 for part in (log.bearings, log.lamps))
@@ -297,7 +294,7 @@ def _needs(log: Log) -> Iterator[Need]:
     yield Need("odometry", ())
     yield Need("ekf", lines)
     yield Need("smoother", lines)
-    bearings = len(log.omni_images()) or (log.bearings is not None and len(log.bearings.t))
+    bearings = len(log.images_of("omni")) or (log.bearings is not None and len(log.bearings.t))
     if bearings:
         known = log.landmarks is not None and len(log.landmarks.of_kind("bearing")[0]) > 2
         yield Need("triangulation", () if known else ("landmarks.csv with three points or more",))

@@ -58,6 +58,10 @@ class DetectedLamps:
         return len(self.z)
 
 
+NO_LAMPS = DetectedLamps(np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 2)), np.zeros(0), {})
+"""What a black image shows."""
+
+
 def detect_lamps(grey: NDArray[np.uint8], camera: Camera, config: LampConfig) -> DetectedLamps:
     """Returns the lamps that an image of the ceiling shows; a black image, which is normal: none.
 

@@ -13,7 +13,7 @@ import os
 import re
 import tempfile
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -25,6 +25,7 @@ from frontend.config import DetectorConfig
 from frontend.detected import DetectedLines
 from frontend.images import image_digest
 from frontend.log import Log
+from frontend.search import Found
 from graphslam import geometry
 from graphslam.measurements import IntArray
 
@@ -34,21 +35,6 @@ MOST_BYTES = 200_000_000
 """The entries that were written first go when there are more bytes than this."""
 ENTRY = re.compile(r"[0-9a-f]{64}|\.lines-\w+")  # whole ones, and those being written
 PARTS = ("z", "cov", "extent", "quality", "source", "unreadable", "rejected")
-
-
-@dataclass(frozen=True, slots=True)
-class Found:
-    """What a search of a log's images came to.
-
-    Attributes:
-        lines: all lines, image by image.
-        source: (K,) number of each one's image.
-        unreadable: how many images could not be read.
-    """
-
-    lines: DetectedLines
-    source: IntArray
-    unreadable: int
 
 
 def cache_folder() -> Path:
@@ -83,7 +69,7 @@ def cache_key(log: Log, numbers: IntArray, detector: DetectorConfig) -> str:
     return total.hexdigest()
 
 
-def load(key: str) -> Found | None:
+def load(key: str) -> Found[DetectedLines] | None:
     """Returns what is kept under a key; None where there is nothing, or nothing whole."""
     try:
         digest, content = (cache_folder() / key).read_bytes().split(b"\n", 1)
@@ -103,9 +89,9 @@ def load(key: str) -> Found | None:
     return Found(lines, parts["source"], int(parts["unreadable"]))
 
 
-def keep(key: str, found: Found) -> None:
+def keep(key: str, found: Found[DetectedLines]) -> None:
     """Keeps what was found under a key; does nothing where the folder cannot be written."""
-    lines, stream = found.lines, io.BytesIO()
+    lines, stream = found.seen, io.BytesIO()
     arrays = {name: getattr(lines, name) for name in ("z", "cov", "extent", "quality")}
     reasons = json.dumps(dict(lines.rejected)).encode()
     np.savez(

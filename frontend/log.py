@@ -6,14 +6,24 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
-from frontend.camera import Camera
-from frontend.columns import freeze, read_only
+from frontend.camera import LOOKS_AT, Camera
+from frontend.columns import read_only
+from frontend.log_parts import (
+    BearingSightings,
+    ImageList,
+    LampSightings,
+    LineSightings,
+    PoseFixes,
+    PoseTrack,
+    Wheels,
+)
 from frontend.omni import BearingCorrection, OmniCamera
 from frontend.overhead import OverheadCamera
-from frontend.recorded import RecordedImage, ScanList
+from frontend.recorded import ScanList
 from graphslam.errors import BadLog
 from graphslam.geometry import Array
 from graphslam.measurements import IntArray, LandmarkMap
@@ -25,159 +35,22 @@ Progress = Callable[[int, int], None]
 DEFAULT_CAMERA = "floor"
 """The camera of images that name none."""
 
+AnyCamera = Camera | OverheadCamera | OmniCamera
+"""Each has `name`, `looks_at` and `image_size`."""
+
+FOUND_ALREADY = MappingProxyType(
+    {
+        "floor": "sightings",
+        "ceiling": "lamps",
+        "overhead": "pose_fixes",
+        "omni": "bearings",
+    }
+)
+"""By where a camera looks: the field of `Log` with what others found in images of that sort."""
+
 UNKNOWN_WHEELS = DifferentialDrive(1.0, 1.0, wheel_base=0.2, noise_left=0.0, noise_right=0.0)
 """Stands for the drive of odometry from unknown wheels: only slip acts, and turning by one radian
 counts as driving 0.1 m."""
-
-
-@dataclass(frozen=True, slots=True)
-class Wheels:
-    """Readings of the wheels.
-
-    Attributes:
-        t: (W,) times, s, increasing.
-        angle: (W, 2) cumulative angles of the left and right wheel, rad, forward positive.
-    """
-
-    t: Array
-    angle: Array
-
-    def __post_init__(self) -> None:
-        freeze(self, t=(), angle=(2,))
-
-
-@dataclass(frozen=True, slots=True)
-class PoseTrack:
-    """Poses over time: someone else's odometry, or ground truth.
-
-    Attributes:
-        t: (K,) times, s, increasing.
-        pose: (K, 3) poses, m and rad, floor frame, or the odometry's own.
-    """
-
-    t: Array
-    pose: Array
-
-    def __post_init__(self) -> None:
-        freeze(self, t=(), pose=(3,))
-
-
-@dataclass(frozen=True, slots=True)
-class ImageList:
-    """Images of all cameras, in the order of the log: row number = number of the image.
-
-    Attributes:
-        t: (I,) times, s, not decreasing.
-        file: (I,) where each is: the path of a file inside the log's folder, resolved, or a place
-            in a bag or a video; `frontend.images` reads both.
-        camera: (I,) name of the camera of each.
-    """
-
-    t: Array
-    file: tuple[Path | RecordedImage, ...]
-    camera: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        freeze(self, t=())
-        if not len(self.t) == len(self.file) == len(self.camera):
-            raise BadLog("images: t, file and camera must have one entry each for every image")
-
-    def name(self, number: int, folder: Path) -> str:
-        """Returns how messages call an image of the log that lies in ``folder``."""
-        image = self.file[number]
-        if isinstance(image, Path):
-            return image.relative_to(folder.resolve()).as_posix()
-        return image.name
-
-
-@dataclass(frozen=True, slots=True)
-class LineSightings:
-    """Lines that someone already detected.
-
-    Attributes:
-        t: (K,) times, s, not decreasing.
-        z: (K, 2) lines ``(rho, alpha)``, m and rad, robot frame at t.
-        cov: (K, 2, 2) their covariances, robot frame.
-        extent: (K, 2) stretch seen, m along the line; NaN where unknown.
-        truth: (K,) true line of each, -1 for none or unknown; for judging only.
-        t_received: (K,) when each became available, s, not before t.
-    """
-
-    t: Array
-    z: Array
-    cov: Array
-    extent: Array
-    truth: IntArray
-    t_received: Array
-
-    def __post_init__(self) -> None:
-        freeze(self, t=(), z=(2,), cov=(2, 2), extent=(2,), truth=(), t_received=())
-
-
-@dataclass(frozen=True, slots=True)
-class PoseFixes:
-    """Poses that a sensor read directly, for example a camera overhead.
-
-    Attributes:
-        t: (K,) times, s, not decreasing.
-        z: (K, 3) poses, m and rad, floor frame.
-        cov: (K, 3, 3) their covariances, floor frame.
-        t_received: (K,) when each became available, s, not before t.
-    """
-
-    t: Array
-    z: Array
-    cov: Array
-    t_received: Array
-
-    def __post_init__(self) -> None:
-        freeze(self, t=(), z=(3,), cov=(3, 3), t_received=())
-
-
-@dataclass(frozen=True, slots=True)
-class BearingSightings:
-    """Directions of points that someone already measured.
-
-    Attributes:
-        t: (K,) times, s, not decreasing.
-        z: (K, 1) directions, rad, robot frame at t.
-        cov: (K, 1, 1) their variances, rad².
-        label: (K,) what the sensor tells points apart by (a colour), as a number; -1 for none.
-        truth: (K,) true landmark of each, -1 for none or unknown; for judging only.
-        t_received: (K,) when each became available, s, not before t.
-    """
-
-    t: Array
-    z: Array
-    cov: Array
-    label: IntArray
-    truth: IntArray
-    t_received: Array
-
-    def __post_init__(self) -> None:
-        freeze(self, t=(), z=(1,), cov=(1, 1), label=(), truth=(), t_received=())
-
-
-@dataclass(frozen=True, slots=True)
-class LampSightings:
-    """Lamps, or other marks with an axis, that someone already detected.
-
-    Attributes:
-        t: (K,) times, s, not decreasing.
-        z: (K, 3) place and axis ``(x, y, phi)``, m and rad, robot frame at t; phi modulo pi.
-        cov: (K, 3, 3) their covariances, robot frame.
-        truth: (K,) true landmark of each, -1 for none or unknown; for judging only.
-        t_received: (K,) when each became available, s, not before t.
-    """
-
-    t: Array
-    z: Array
-    cov: Array
-    truth: IntArray
-    t_received: Array
-
-    def __post_init__(self) -> None:
-        freeze(self, t=(), z=(3,), cov=(3, 3), truth=(), t_received=())
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +61,7 @@ class Log:
         name: short name; usable as the name of a folder.
         folder: where it lies.
         robot: geometry and noise of the wheels; None where only foreign odometry is known.
-        cameras: cameras that look at the floor, by name.
+        cameras: cameras by name, wherever each of them `looks_at`.
         start_pose: (3,) pose at the first node, floor frame, m and rad.
         start_sigma: (3,) its standard deviations, m and rad, as given.
         start_given: whether the log says where it starts; otherwise the origin, known.
@@ -210,16 +83,13 @@ class Log:
         bearings: directions of points, or None.
         lamps: lamps already detected, or None.
         landmarks: landmarks of any kind but lines that are known beforehand, or None.
-        omni: cameras that see all around, by name.
         bearing_correction: what is to be added to the directions of ``bearings``.
-        overhead: cameras that watch the robot from above, by name.
-        ceiling: cameras that look at the ceiling, by name.
     """
 
     name: str
     folder: Path
     robot: DifferentialDrive | None
-    cameras: Mapping[str, Camera]
+    cameras: Mapping[str, AnyCamera]
     start_pose: Array
     start_sigma: Array
     start_given: bool
@@ -239,14 +109,10 @@ class Log:
     bearings: BearingSightings | None = None
     lamps: LampSightings | None = None
     landmarks: LandmarkMap | None = None
-    omni: Mapping[str, OmniCamera] = field(default_factory=dict)
     bearing_correction: BearingCorrection = field(default_factory=BearingCorrection)
-    overhead: Mapping[str, OverheadCamera] = field(default_factory=dict)
-    ceiling: Mapping[str, Camera] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in ("cameras", "omni", "overhead", "ceiling"):
-            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+        object.__setattr__(self, "cameras", MappingProxyType(dict(self.cameras)))
         object.__setattr__(self, "labels", MappingProxyType({**FILES, **self.labels}))
         for name in ("start_pose", "start_sigma"):
             object.__setattr__(self, name, read_only(name, getattr(self, name), (3,)))
@@ -255,51 +121,26 @@ class Log:
         if self.wheels is not None and self.robot is None:
             raise BadLog(f"{self.name}: wheel readings need the robot's wheel radii and base")
 
-    def floor_images(self) -> IntArray:
-        """Returns the numbers (row in `images`) of the images of floor cameras.
+    def looking_at(self, where: str) -> dict[str, Any]:
+        """Returns the cameras that look at "floor", "ceiling", "overhead" or "omni", by name."""
+        return {name: eye for name, eye in self.cameras.items() if eye.looks_at == where}
 
-        Beside sightings, images only say when there were images: "floor" needs no description.
+    def images_of(self, where: str) -> IntArray:
+        """Returns the numbers (row in `images`) of the images that are searched for one thing.
+
+        They are those of the cameras that look at "floor", "ceiling", "overhead" or "omni". Beside
+        what was already found there (`FOUND_ALREADY`) there are none, but of the floor: there
+        images say when there were images, and "floor" needs no description.
         """
-        if self.images is None:
+        found = getattr(self, FOUND_ALREADY[where]) is not None
+        if self.images is None or (found and where != "floor"):
             return np.zeros(0, np.int64)
-        names = {*self.cameras} | ({DEFAULT_CAMERA} if self.sightings is not None else set())
+        names = {*self.looking_at(where)} | ({DEFAULT_CAMERA} if found else set())
         return np.flatnonzero([name in names for name in self.images.camera])
-
-    def omni_images(self) -> IntArray:
-        """Returns the numbers (row in `images`) of the images that are searched for landmarks.
-
-        Beside bearings that were already measured there are none.
-        """
-        return self._images_of(self.omni, found_already=self.bearings)
-
-    def overhead_images(self) -> IntArray:
-        """Returns the numbers (row in `images`) of the images that are searched for tags.
-
-        Beside pose fixes that were already measured there are none.
-        """
-        return self._images_of(self.overhead, found_already=self.pose_fixes)
 
     def searched_images(self) -> IntArray:
         """Returns the numbers of all images that are searched for anything, in order."""
-        kinds = (
-            self.floor_images(),
-            self.omni_images(),
-            self.overhead_images(),
-            self.ceiling_images(),
-        )
-        return np.unique(np.concatenate(kinds))
-
-    def ceiling_images(self) -> IntArray:
-        """Returns the numbers (row in `images`) of the images that are searched for lamps.
-
-        Beside lamps that were already detected there are none.
-        """
-        return self._images_of(self.ceiling, found_already=self.lamps)
-
-    def _images_of(self, cameras: Mapping[str, object], found_already: object) -> IntArray:
-        if self.images is None or found_already is not None:
-            return np.zeros(0, np.int64)
-        return np.flatnonzero([name in cameras for name in self.images.camera])
+        return np.unique(np.concatenate([self.images_of(where) for where in LOOKS_AT]))
 
     def has_walls(self) -> bool:
         """Returns whether the lines of the log are walls in a laser's scans."""

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from frontend.config import ExtractConfig
+from frontend.image_tags import look
 from frontend.images import read_bgr, undistorted
 from frontend.log import Log
 from frontend.overhead import OverheadCamera
-from frontend.overhead_images import look
 from frontend.plausible import CONTRADICTED
 from graphslam.geometry import Array, points_on_line, transform_points
 from graphslam.measurements import Measurements, Sightings
@@ -68,7 +68,7 @@ def picture_of(log: Log, number: int) -> NDArray[np.uint8] | None:
     """
     assert log.images is not None, "only logs with images have pictures"
     bgr = read_bgr(log.images.file[number])
-    camera = log.cameras.get(log.images.camera[number])
+    camera = log.looking_at("floor").get(log.images.camera[number])
     return bgr if bgr is None or camera is None else undistorted(bgr, camera)
 
 
@@ -83,28 +83,11 @@ def shot_of(log: Log, measurements: Measurements, number: int, config: ExtractCo
     """
     assert log.images is not None, "only logs with images have shots"
     name, t = log.images.camera[number], float(log.images.t[number])
-    marks, note = _looker(log, name)(log, measurements, number, config)
+    marks, note = [], "not searched"
+    if name in log.cameras:
+        looker = LOOKERS[log.cameras[name].looks_at]
+        marks, note = looker(log, measurements, number, config)
     return Shot(t, number, name, log.images.name(number, log.folder), tuple(marks), note)
-
-
-Looker = Callable[[Log, Measurements, int, ExtractConfig], tuple[list[Mark], str]]
-
-
-def _looker(log: Log, camera: str) -> Looker:
-    """Returns what tells the marks of a camera's images."""
-    if camera in log.cameras:
-        return _lines
-    if camera in log.overhead:
-        return _tags
-    if camera in log.ceiling:
-        return _lamps
-    return _bearings if camera in log.omni else _nothing
-
-
-def _nothing(
-    log: Log, measurements: Measurements, number: int, config: ExtractConfig
-) -> tuple[list[Mark], str]:
-    return [], "not searched"
 
 
 def _rows(log: Log, measurements: Measurements, kind: str, number: int) -> Iterator[tuple]:  # type: ignore[type-arg]
@@ -139,7 +122,7 @@ def _tags(
     log: Log, measurements: Measurements, number: int, config: ExtractConfig
 ) -> tuple[list[Mark], str]:
     assert log.images is not None
-    eye = log.overhead[log.images.camera[number]]
+    eye = log.cameras[log.images.camera[number]]
     fixes = [z for z, _ in _rows(log, measurements, "pose_fix", number)]
     if log.pose_fixes is not None:  # measured by someone else: show where they put the tags
         return [mark for pose in fixes for mark in _robot(eye, pose, True)], f"poses: {len(fixes)}"
@@ -170,7 +153,7 @@ def _bearings(
     log: Log, measurements: Measurements, number: int, config: ExtractConfig
 ) -> tuple[list[Mark], str]:
     assert log.images is not None
-    camera = log.omni[log.images.camera[number]]
+    camera = log.cameras[log.images.camera[number]]
     near, far = camera.ring_px or (0.0, 0.5 * min(camera.image_size))
     marks = [
         Mark(camera.pixels(np.full(2, z[0]), np.array([near, far])), True)
@@ -183,7 +166,7 @@ def _lamps(
     log: Log, measurements: Measurements, number: int, config: ExtractConfig
 ) -> tuple[list[Mark], str]:
     assert log.images is not None
-    camera, marks = log.ceiling[log.images.camera[number]], []
+    camera, marks = log.cameras[log.images.camera[number]], []
     for z, _ in _rows(log, measurements, "lamp", number):
         along = AXIS_M * np.array([[np.cos(z[2]), np.sin(z[2])]])
         ends = np.vstack([z[:2] - along, z[:2] + along])
@@ -191,3 +174,7 @@ def _lamps(
         if np.isfinite(pixels).all():
             marks += [Mark(pixels[:1], True), Mark(pixels[1:], True)]
     return marks, f"lamps: {len(marks) // 2}"
+
+
+LOOKERS = {"floor": _lines, "overhead": _tags, "ceiling": _lamps, "omni": _bearings}
+"""By where a camera looks: what tells the marks of its images."""

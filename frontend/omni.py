@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from frontend.camera import check_delay
 from frontend.colour_range import Hsv, check_range
 from graphslam.errors import BadConfig
 from graphslam.geometry import Array, wrap
@@ -108,6 +109,7 @@ class OmniCamera:
         ring_px: smallest and largest distance from `centre` that shows the surroundings, pixels:
             inside is the robot itself, outside nothing. None: all of the image.
         correction: added to directions.
+        delay_s: how long after an image was taken what it shows is known, s.
 
     Source: Kato eq. (1) with atan2; its image has v to the left and u up, from the mirror's centre.
     """
@@ -120,8 +122,10 @@ class OmniCamera:
     mirrored: bool = False
     ring_px: tuple[float, float] | None = None
     correction: BearingCorrection = BearingCorrection()
+    delay_s: float = 0.0
 
     def __post_init__(self) -> None:
+        check_delay(self.name, self.delay_s)
         if any(n <= 0 for n in self.image_size):
             raise self._bad(f"image_size = {list(self.image_size)}: both must be positive")
         width, height = self.image_size
@@ -137,6 +141,11 @@ class OmniCamera:
         labels = [colour.label for colour in self.colours]
         if len(set(labels)) < len(labels):
             raise self._bad(f"colours: a label is there twice in {labels}")
+
+    @property
+    def looks_at(self) -> str:
+        """All around: "omni"."""
+        return "omni"
 
     def _bad(self, text: str) -> BadConfig:
         return BadConfig(f"camera {self.name!r}: {text}")

@@ -99,6 +99,26 @@ class OverheadCamera:
                 f"camera, position = {list(self.position)}; give both in metres"
             )
 
+    @property
+    def name(self) -> str:
+        """Name of the camera in the log."""
+        return self.camera.name
+
+    @property
+    def looks_at(self) -> str:
+        """At the robot, from above: "overhead"."""
+        return "overhead"
+
+    @property
+    def image_size(self) -> tuple[int, int]:
+        """Width and height, pixels."""
+        return self.camera.image_size
+
+    @property
+    def delay_s(self) -> float:
+        """How long after an image was taken what it shows is known, s."""
+        return self.camera.delay_s
+
     def to_floor(self, pixels: Array) -> tuple[Array, Array]:
         """Returns where tags are (K, 2), m, floor frame, and the derivative by their pixels.
 

@@ -32,12 +32,12 @@ def check_overlays(log: Log, out: Path) -> None:
         log: to draw lines on.
         out: folder to write to; it may be absent.
     """
-    if log.sightings is not None and not len(log.ceiling_images()):
+    if log.sightings is not None and not len(log.images_of("ceiling")):
         raise BadConfig(
             f"{log.name}: its lines are those of sightings.csv, not of its images, so there is "
             "nothing to draw; leave --overlay out, or sightings.csv"
         )
-    if not len(log.floor_images()) + len(log.ceiling_images()):
+    if not len(log.images_of("floor")) + len(log.images_of("ceiling")):
         raise BadConfig(
             f"{log.name}: has no images of floor or ceiling to draw on; leave --overlay out"
         )
@@ -69,8 +69,8 @@ def write_overlays(
     check_overlays(log, out)
     assert log.images is not None, "checked above"
     out.mkdir(parents=True, exist_ok=True)
-    floor = log.floor_images() if log.sightings is None else np.zeros(0, np.int64)
-    numbers = np.union1d(floor, log.ceiling_images())
+    floor = log.images_of("floor") if log.sightings is None else np.zeros(0, np.int64)
+    numbers = np.union1d(floor, log.images_of("ceiling"))
     numbers = numbers[np.isin(log.images.t[numbers], measurements.t)]
     for done, number in enumerate(numbers.tolist(), start=1):
         image, t = log.images.file[number], float(log.images.t[number])
@@ -90,15 +90,17 @@ def _picture(
     """Returns the picture of one image of floor or ceiling."""
     assert log.images is not None, "it is one of them"
     name = log.images.camera[number]
-    table = measurements.sightings["lamp" if name in log.ceiling else "line"]
+    camera = log.cameras[name]
+    upward = camera.looks_at == "ceiling"
+    table = measurements.sightings["lamp" if upward else "line"]
     rows = table.source == number
-    if name in log.ceiling:
+    if upward:
         from frontend.lamp_pictures import lamp_picture
 
-        camera, text = log.ceiling[name], text + f"   lamps: {np.count_nonzero(rows)}"
+        text += f"   lamps: {np.count_nonzero(rows)}"
         return lamp_picture(grey, camera, table.z[rows], text)
     text += f"   lines: {np.count_nonzero(rows)}"
-    return frame_picture(grey, log.cameras[name], table.z[rows], table.extent[rows], text)
+    return frame_picture(grey, camera, table.z[rows], table.extent[rows], text)
 
 
 def frame_picture(grey: Picture, camera: Camera, z: Array, extent: Array, text: str) -> Picture:

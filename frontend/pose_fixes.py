@@ -12,11 +12,13 @@ from frontend.log import Log
 from frontend.nodes import Nodes
 from frontend.overhead import APART, NO_POSE
 from frontend.plausible import BREAKS, CONTRADICTED, TURNED, plausible_fixes
+from frontend.search import received
 from frontend.sighting_tables import at_nodes, table
 from graphslam.geometry import Array, compose, inverse
 from graphslam.measurements import Measurements, Odometry, Sightings
 
 KIND = "pose_fix"
+UNREADABLE = "overhead image that cannot be read"
 FIX_OUTSIDE = "pose fix outside the wheel record"
 KNOWN_SIGMA = 1e-6
 """Smallest standard deviation of the start, m and rad: known exactly, yet invertible."""
@@ -85,7 +87,7 @@ def fix_warnings(log: Log, measurements: Measurements) -> Iterator[str]:
     fixes, rejected = measurements.sightings.get(KIND), measurements.rejected
     if fixes is None:
         return
-    searched = int(np.isin(log.overhead_images(), _at(log, measurements)).sum())
+    searched = int(np.isin(log.images_of("overhead"), _at(log, measurements)).sum())
     if searched:
         reasons = [f"{reason}: {rejected[reason]}" for reason in NO_POSE if rejected.get(reason)]
         told = f" ({'; '.join(reasons)})" if reasons else ""
@@ -110,14 +112,14 @@ def fix_warnings(log: Log, measurements: Measurements) -> Iterator[str]:
 
 def _at(log: Log, measurements: Measurements) -> Array:
     """Returns the numbers of the log's images at the nodes."""
-    assert log.images is not None or not len(log.overhead_images())
+    assert log.images is not None or not len(log.images_of("overhead"))
     if log.images is None:
         return np.zeros(0)
     return np.flatnonzero(np.isin(log.images.t, measurements.t))
 
 
 def _apart(log: Log) -> Iterator[str]:
-    for name, eye in log.overhead.items():
+    for name, eye in log.looking_at("overhead").items():
         yield (
             f"tags that camera {name!r} saw were not {1e3 * eye.tags.distance:.0f} mm apart, as "
             f"{log.described} says; measure front and centre under [cameras.{name}.tags] again, "
@@ -157,19 +159,17 @@ def _seen(
 
     The latter is None where it is the same; all is None without overhead images.
     """
-    numbers = log.overhead_images()
+    numbers = log.images_of("overhead")
     if log.images is None or not len(numbers):
         return None
-    from frontend.overhead_images import fixes_in_images
+    from frontend.image_tags import fixes_in_images
     from frontend.tags import tag_covariance
 
     numbers = numbers[np.isin(log.images.t[numbers], np.intersect1d(nodes.t, nodes.of_lines))]
-    seen = fixes_in_images(log, numbers, config, progress)
-    rejected.update(seen.rejected)
-    times = log.images.t[seen.source]
-    node = np.searchsorted(nodes.t, times)
-    cameras = [log.overhead[log.images.camera[number]] for number in seen.source.tolist()]
-    received = times + np.array([eye.camera.delay_s for eye in cameras], float)
-    fixes = table(KIND, node, seen.z, seen.cov, received, source=seen.source)
+    found = fixes_in_images(log, numbers, config, progress)
+    rejected.update({**found.seen.rejected, UNREADABLE: found.unreadable})
+    node = np.searchsorted(nodes.t, log.images.t[found.source])
+    z, cov, when = found.seen.z, found.seen.cov, received(log, found.source)
+    fixes = table(KIND, node, z, cov, when, source=found.source)
     law = config.tags.sigma_law
-    return fixes, None if law == "measured" else tag_covariance(seen.cov, config.tags)
+    return fixes, None if law == "measured" else tag_covariance(cov, config.tags)

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 
 import numpy as np
 
-from frontend.columns import later
 from frontend.config import ExtractConfig
+from frontend.detected import DetectedLines
 from frontend.log import Log
 from frontend.nodes import Nodes, velocities
+from frontend.search import Found, Progress, received
 from frontend.sighting_tables import table
 from frontend.truth import true_lamps, true_lines, true_points
 from graphslam.geometry import Array
 from graphslam.measurements import IntArray, Odometry, Sightings
-
-Progress = Callable[[int, int], None]
 
 UNREADABLE = "image that cannot be read"
 UNREADABLE_OMNI = "omnidirectional image that cannot be read"
@@ -26,27 +24,27 @@ SAME_TIME = "scan of the same time as the one before it"
 
 
 def seen_bearings(
-    log: Log, nodes: Nodes, config: ExtractConfig, rejected: Counter[str]
+    log: Log, nodes: Nodes, config: ExtractConfig, rejected: Counter[str], progress: Progress | None
 ) -> Sightings | None:
     """Returns the directions of landmarks that images at the nodes show, ordered by node."""
-    from frontend.cones import bearings_in_images
+    from frontend.image_cones import bearings_in_images
 
-    numbers = _at_nodes(log, log.omni_images(), nodes)
+    numbers = _at_nodes(log, "omni", nodes)
     if numbers is None:
         return None
-    found, source, unreadable = bearings_in_images(log, numbers, config)
-    rejected.update({**found.rejected, UNREADABLE_OMNI: unreadable})
-    times = _times(log)[source]
+    found = bearings_in_images(log, numbers, config, progress)
+    rejected.update({**found.seen.rejected, UNREADABLE_OMNI: found.unreadable})
+    seen, times = found.seen, _times(log)[found.source]
     return table(
         "bearing",
         np.searchsorted(nodes.t, times),
-        found.z,
-        found.cov,
-        times,
-        quality=found.area,
-        source=source,
-        truth=true_points(log, times, found.z[:, 0], found.label),
-        label=found.label,
+        seen.z,
+        seen.cov,
+        received(log, found.source),
+        quality=seen.area,
+        source=found.source,
+        truth=true_points(log, times, seen.z[:, 0], seen.label),
+        label=seen.label,
     )
 
 
@@ -62,34 +60,24 @@ def seen_lamps(
     from frontend.image_lamps import lamps_in_images
     from frontend.lamps import motion_covariance
 
-    numbers = _at_nodes(log, log.ceiling_images(), nodes)
+    numbers = _at_nodes(log, "ceiling", nodes)
     if numbers is None:
         return None
-    found, source, unreadable = lamps_in_images(log, numbers, config, progress)
-    rejected.update({**found.rejected, UNREADABLE_CEILING: unreadable})
-    times = _times(log)[source]
+    found = lamps_in_images(log, numbers, config, progress)
+    rejected.update({**found.seen.rejected, UNREADABLE_CEILING: found.unreadable})
+    seen, times = found.seen, _times(log)[found.source]
     node = np.searchsorted(nodes.t, times)
     speed = velocities(nodes.t, odometry)[node]
     return table(
         "lamp",
         node,
-        found.z,
-        found.cov + motion_covariance(found.z, speed, config.lamps.timing_s),
-        _received(log, source),
-        quality=found.visible,
-        source=source,
-        truth=true_lamps(log, times, found.z),
+        seen.z,
+        seen.cov + motion_covariance(seen.z, speed, config.lamps.timing_s),
+        received(log, found.source),
+        quality=seen.visible,
+        source=found.source,
+        truth=true_lamps(log, times, seen.z),
     )
-
-
-def _received(log: Log, source: IntArray) -> Array:
-    """Returns when what each of the images ``source`` (K,) shows is known, s."""
-    assert log.images is not None, "sightings come from images"
-    cameras = {**log.cameras, **log.ceiling}
-    names = [log.images.camera[number] for number in source.tolist()]
-    delay = np.array([cameras[name].delay_s for name in names], float)
-    t = log.images.t[source]
-    return np.where(delay > 0, later(t, delay), t)
 
 
 def seen_lines(
@@ -98,23 +86,13 @@ def seen_lines(
     """Returns the lines that the images at the nodes show, ordered by node."""
     from frontend.image_lines import lines_in_images
 
-    numbers = _at_nodes(log, log.floor_images(), nodes)
+    numbers = _at_nodes(log, "floor", nodes)
     if numbers is None:
         return None
-    lines, source, unreadable = lines_in_images(log, numbers, config, progress)
-    rejected.update({**lines.rejected, UNREADABLE: unreadable})
-    times = _times(log)[source]
-    return table(
-        "line",
-        np.searchsorted(nodes.t, times),
-        lines.z,
-        lines.cov,
-        _received(log, source),
-        extent=lines.extent,
-        quality=lines.quality,
-        source=source,
-        truth=true_lines(log, times, lines.z, lines.extent),
-    )
+    found = lines_in_images(log, numbers, config, progress)
+    rejected.update({**found.seen.rejected, UNREADABLE: found.unreadable})
+    times = _times(log)[found.source]
+    return _line_table(log, nodes, found, times, received(log, found.source))
 
 
 def seen_walls(
@@ -129,27 +107,37 @@ def seen_walls(
     # of scans that share a time the first stands for its node
     first = np.concatenate([[True], np.diff(times) > 0])
     numbers = np.flatnonzero(first & np.isin(times, np.intersect1d(nodes.t, nodes.of_lines)))
-    walls, source, unreadable = walls_in_scans(log, numbers, config.walls, progress)
-    rejected.update({**walls.rejected, UNREADABLE_SCAN: unreadable})
+    found = walls_in_scans(log, numbers, config.walls, progress)
+    rejected.update({**found.seen.rejected, UNREADABLE_SCAN: found.unreadable})
     rejected[SAME_TIME] += int(np.sum(~first))
+    times = times[found.source]
+    return _line_table(log, nodes, found, times, times)
+
+
+def _line_table(
+    log: Log, nodes: Nodes, found: Found[DetectedLines], times: Array, received_at: Array
+) -> Sightings:
+    """Returns lines, or walls, that were seen at times (K,), s, as sightings at the nodes."""
+    seen = found.seen
     return table(
         "line",
-        np.searchsorted(nodes.t, times[source]),
-        walls.z,
-        walls.cov,
-        times[source],
-        extent=walls.extent,
-        quality=walls.quality,
-        source=source,
-        truth=true_lines(log, times[source], walls.z, walls.extent),
+        np.searchsorted(nodes.t, times),
+        seen.z,
+        seen.cov,
+        received_at,
+        extent=seen.extent,
+        quality=seen.quality,
+        source=found.source,
+        truth=true_lines(log, times, seen.z, seen.extent),
     )
 
 
-def _at_nodes(log: Log, numbers: IntArray, nodes: Nodes) -> IntArray | None:
-    """Returns those of the images ``numbers`` that were taken at nodes; None where there are none.
+def _at_nodes(log: Log, where: str, nodes: Nodes) -> IntArray | None:
+    """Returns the numbers of the images at nodes that show what lies ``where``.
 
-    Of no image at all, not even away from the nodes, that is: a sort of camera that is not there.
+    None where there is no image of that sort at all, not even away from the nodes.
     """
+    numbers = log.images_of(where)
     if not len(numbers):
         return None
     at_nodes = np.isin(_times(log)[numbers], np.intersect1d(nodes.t, nodes.of_lines))

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Callable
 from types import MappingProxyType
 
 import numpy as np
 
 from frontend.config import NoiseConfig
-from frontend.detected import DetectedLines
+from frontend.detected import NO_LINES, DetectedLines
 from frontend.log import Log
 from frontend.nodes import odometry_at, odometry_times
 from frontend.recorded import Scan
+from frontend.search import Found, Progress, gathered
 from frontend.wall_config import WallConfig
 from frontend.wall_pieces import (
     ALPHA,
@@ -66,9 +65,9 @@ def walls_in_scans(
     log: Log,
     numbers: IntArray,
     config: WallConfig,
-    progress: Callable[[int, int], None] | None = None,
-) -> tuple[DetectedLines, IntArray, int]:
-    """Returns all walls, scan by scan, each one's scan number, and how many scans are unreadable.
+    progress: Progress | None = None,
+) -> Found[DetectedLines]:
+    """Returns all walls, scan by scan.
 
     Args:
         log: with scans.
@@ -76,28 +75,18 @@ def walls_in_scans(
         config: thresholds and noise.
         progress: called with (scans done, scans in all).
     """
-    assert log.scans is not None
-    found: list[DetectedLines] = []
-    source: list[int] = []
-    rejected: Counter[str] = Counter()
-    unreadable = 0
-    for done, number in enumerate(numbers.tolist(), start=1):
-        scan = log.scans.place[number].scan()
-        if scan is None:
-            unreadable += 1
-        else:
-            motion = _motion(log, float(log.scans.t[number]), scan.duration)
-            walls = detect_walls(scan, log.scans.sensor_pose, config, motion)
-            rejected.update(walls.rejected)
-            found.append(walls)
-            source += [number] * len(walls)
-        if progress is not None:
-            progress(done, len(numbers))
-    empty = (np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros((0, 2)), np.zeros(0))
-    columns = [(w.z, w.cov, w.extent, w.quality) for w in found]
-    z, cov, extent, quality = map(np.concatenate, zip(empty, *columns, strict=True))
-    merged = DetectedLines(z, cov, extent, quality, rejected)
-    return merged, np.array(source, np.int64), unreadable
+    walls = (_walls_of(log, number, config) for number in numbers.tolist())
+    return gathered(numbers, walls, NO_LINES, progress)
+
+
+def _walls_of(log: Log, number: int, config: WallConfig) -> DetectedLines | None:
+    """Returns the walls that a scan of a log shows; None where it cannot be read."""
+    assert log.scans is not None, "only logs with scans are searched"
+    scan = log.scans.place[number].scan()
+    if scan is None:
+        return None
+    motion = _motion(log, float(log.scans.t[number]), scan.duration)
+    return detect_walls(scan, log.scans.sensor_pose, config, motion)
 
 
 def _ends(

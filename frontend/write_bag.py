@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from frontend.bag_messages import JOINTS, Maker, nanoseconds
-from frontend.log import Log, PoseTrack
+from frontend.log import Log
+from frontend.log_parts import PoseTrack
 from frontend.readers import bag_types as types
 from frontend.readers.robot_toml import FORMAT
 from frontend.write_folder import description, text

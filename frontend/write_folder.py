@@ -10,15 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from frontend.camera import Camera
-from frontend.log import (
-    DEFAULT_CAMERA,
-    UNKNOWN_WHEELS,
-    BearingSightings,
-    LampSightings,
-    LineSightings,
-    Log,
-    PoseFixes,
-)
+from frontend.log import DEFAULT_CAMERA, UNKNOWN_WHEELS, AnyCamera, Log
+from frontend.log_parts import BearingSightings, LampSightings, LineSightings, PoseFixes
 from frontend.omni import BearingCorrection, OmniCamera
 from frontend.overhead import OverheadCamera
 from frontend.readers.log_toml import FORMAT
@@ -174,26 +167,34 @@ def description(log: Log) -> list[str]:
         lines += ["", "[robot]"]
     if log.robot is not None:
         lines.append(f"slip = {toml(log.robot.slip)}")
-    for name, camera in (log.cameras | log.ceiling).items():
-        table = "camera" if name == DEFAULT_CAMERA else f"cameras.{text(name)}"
-        lines += ["", f"[{table}]", f"image_size = {list(camera.image_size)}"]
-        if name != DEFAULT_CAMERA:
-            lines.append(f'looks_at = "{camera.looks_at}"')
-        lines += _lens(camera)
-        if camera.delay_s:
-            lines.append(f"delay = {toml(camera.delay_s)}")
-        if camera.ignore_px:
-            lines.append(f"ignore_px = {[list(corners) for corners in camera.ignore_px]}")
-    for name, eye in log.overhead.items():
-        lines += ["", *_overhead(name, eye)]
-    for name, around in log.omni.items():
-        lines += ["", *omni_toml(name, around)]
+    for name, camera in log.cameras.items():
+        lines += ["", *camera_toml(name, camera)]
     if log.bearing_correction != BearingCorrection():
         lines += ["", "[bearings]", *correction_toml(log.bearing_correction)]
     if log.start_given:
         pose, sigma = toml(log.start_pose), toml(log.start_sigma)
         lines += ["", "[start]", f"pose = {pose}", f"sigma = {sigma}"]
     return lines
+
+
+def camera_toml(name: str, camera: AnyCamera) -> Iterable[str]:
+    """Yields the lines of a camera, in log.toml and robot files."""
+    if isinstance(camera, OmniCamera):
+        return _omni(name, camera)
+    return _overhead(name, camera) if isinstance(camera, OverheadCamera) else _plane(name, camera)
+
+
+def _plane(name: str, camera: Camera) -> Iterable[str]:
+    """Yields the lines of a camera that looks at floor or ceiling."""
+    yield "[camera]" if name == DEFAULT_CAMERA else f"[cameras.{text(name)}]"
+    yield f"image_size = {list(camera.image_size)}"
+    if name != DEFAULT_CAMERA:
+        yield f'looks_at = "{camera.looks_at}"'
+    yield from _lens(camera)
+    if camera.delay_s:
+        yield f"delay = {toml(camera.delay_s)}"
+    if camera.ignore_px:
+        yield f"ignore_px = {[list(corners) for corners in camera.ignore_px]}"
 
 
 def _lens(camera: Camera) -> Iterable[str]:
@@ -209,10 +210,10 @@ def _overhead(name: str, eye: OverheadCamera) -> Iterable[str]:
     """Yields the lines of a camera that watches the robot from above, and of its tags."""
     table = f"cameras.{text(name)}"
     yield from (f"[{table}]", 'looks_at = "overhead"')
-    yield f"image_size = {list(eye.camera.image_size)}"
+    yield f"image_size = {list(eye.image_size)}"
     yield from _lens(eye.camera)
-    if eye.camera.delay_s:
-        yield f"delay = {toml(eye.camera.delay_s)}"
+    if eye.delay_s:
+        yield f"delay = {toml(eye.delay_s)}"
     if eye.position is not None:
         yield f"position = {toml(eye.position)}"
     yield from ("", f"[{table}.tags]")
@@ -222,26 +223,23 @@ def _overhead(name: str, eye: OverheadCamera) -> Iterable[str]:
             yield f"{key} = {toml(value)}"
 
 
-def omni_toml(name: str, camera: OmniCamera) -> list[str]:
-    """Returns the lines of a camera that sees all around, in log.toml."""
-    correction = camera.correction
-    lines = [
-        f"[cameras.{text(name)}]",
-        'looks_at = "omni"',
-        f"image_size = {list(camera.image_size)}",
-        f"centre = {toml(camera.centre)}",
-        f"heading_deg = {toml(camera.heading_deg)}",
-        f"mirrored = {str(camera.mirrored).lower()}",
-    ]
+def _omni(name: str, camera: OmniCamera) -> Iterable[str]:
+    """Yields the lines of a camera that sees all around."""
+    yield from (f"[cameras.{text(name)}]", 'looks_at = "omni"')
+    yield f"image_size = {list(camera.image_size)}"
+    yield f"centre = {toml(camera.centre)}"
+    yield f"heading_deg = {toml(camera.heading_deg)}"
+    yield f"mirrored = {str(camera.mirrored).lower()}"
     if camera.ring_px is not None:
-        lines.append(f"ring_px = {toml(camera.ring_px)}")
-    if correction != BearingCorrection():
-        lines += correction_toml(correction)
+        yield f"ring_px = {toml(camera.ring_px)}"
+    if camera.correction != BearingCorrection():
+        yield from correction_toml(camera.correction)
+    if camera.delay_s:
+        yield f"delay = {toml(camera.delay_s)}"
     for colour in camera.colours:
-        lines += ["", f"[[cameras.{text(name)}.colours]]", f"label = {colour.label}"]
-        lines += [f"low = {list(colour.low)}", f"high = {list(colour.high)}"]
-        lines.append(f"name = {text(colour.name)}")
-    return lines
+        yield from ("", f"[[cameras.{text(name)}.colours]]", f"label = {colour.label}")
+        yield from (f"low = {list(colour.low)}", f"high = {list(colour.high)}")
+        yield f"name = {text(colour.name)}"
 
 
 def correction_toml(correction: BearingCorrection) -> list[str]:

@@ -108,7 +108,7 @@ def test_the_tutorials_log_toml_is_one(tmp_path: Path) -> None:
     content = read_log_toml(path)
     assert content.robot is not None
     content.robot.drive(geometry_needed=True)
-    assert list(every_camera(path, content)["cameras"]) == ["floor"]
+    assert list(every_camera(path, content)) == ["floor"]
 
 
 def test_the_robot_file_of_the_bags_page_is_one(tmp_path: Path) -> None:
@@ -118,7 +118,7 @@ def test_the_robot_file_of_the_bags_page_is_one(tmp_path: Path) -> None:
     content = read_robot_file(path)
     assert content.robot is not None
     content.robot.drive(geometry_needed=True)
-    assert list(every_camera(path, content)["cameras"]) == ["floor"]
+    assert list(every_camera(path, content)) == ["floor"]
 
 
 def test_each_block_that_the_tutorial_does_not_run_says_why() -> None:

@@ -68,7 +68,9 @@ class Places:
             tell = partial(progress, f"{log.name}: extract")
             measurements = extract(log, self.extract, tell)
         answer = find_start(
-            read_building(self.map), measurements, next(iter(log.ceiling.values()), None)
+            read_building(self.map),
+            measurements,
+            next(iter(log.looking_at("ceiling").values()), None),
         )
         print_answer(answer)
         return DONE if answer.decided else FAILED

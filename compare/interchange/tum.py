@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from frontend.log import PoseTrack
+from frontend.log_parts import PoseTrack
 from frontend.readers.folder_tables import read_truth
 
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Collection, Mapping
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from frontend.log import ImageList, Log, PoseTrack, Progress, Wheels, with_camera_offset
+from frontend.log import Log, Progress, with_camera_offset
+from frontend.log_parts import ImageList, PoseTrack, Wheels
 from frontend.readers.bag_choice import Choice, choose
 from frontend.readers.bag_collect import collect
 from frontend.readers.bag_content import BagContent, Stream
@@ -63,15 +62,13 @@ def open_content(path: Path, progress: Progress | None = None) -> BagContent:
 
 def open_collected(content: BagContent, robot: RobotFile, robot_file: Path | None) -> Log:
     """Returns the log that a bag's content makes; raises BadLog where it makes none."""
-    cameras: dict[str, Mapping[str, Any]] = {"cameras": {}}
-    if robot_file is not None:
-        cameras = every_camera(robot_file, robot)
+    cameras = {} if robot_file is None else every_camera(robot_file, robot)
     path, choice = content.path, choose(content, robot)
     drive = _drive(robot, robot_file, choice)
     wheels_used = choice.wheels is not None and drive is not None and _has_size(robot)
     if not wheels_used and choice.odometry is None:
         raise BadLog(no_odometry(content, choice))
-    used = _used(choice, {*chain(*cameras.values())}, wheels_used)
+    used = _used(choice, cameras, wheels_used)
     reference = "left" if wheels_used else "odometry"
     times = times_of(used, robot.time.stamp, reference)
     wheels, wheel_notes = _wheels(used, times) if wheels_used else (None, ())
@@ -89,7 +86,7 @@ def open_collected(content: BagContent, robot: RobotFile, robot_file: Path | Non
         name=bag_name(path, robot),
         folder=path,
         robot=drive,
-        **cameras,
+        cameras=cameras,
         start_pose=np.array(start.pose if start else (0.0, 0.0, 0.0)),
         start_sigma=np.array(start.sigma if start else (0.0, 0.0, 0.0)),
         start_given=start is not None,

@@ -67,7 +67,7 @@ def _doubtful(
     """Yields warnings about what is usable, but hardly meant."""
     missing = "give a robot file" if robot_file is None else f"describe it in {robot_file.name}"
     for camera, stream in choice.images.items():
-        if camera not in {*log.cameras, *log.omni, *log.overhead, *log.ceiling}:
+        if camera not in log.cameras:
             yield (
                 f"{stream.label}: its images are not used: camera {camera!r} is not described; "
                 f"{missing} (graphslam inspect {content.path} proposes one)"

@@ -18,7 +18,8 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.log import Log, PoseTrack
+from frontend.log import Log
+from frontend.log_parts import PoseTrack
 from frontend.readers.carmen_messages import (
     LINE_LIMIT,
     OTHERS,

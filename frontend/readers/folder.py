@@ -10,7 +10,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from frontend.log import DEFAULT_CAMERA, ImageList, Log, with_camera_offset
+from frontend.log import DEFAULT_CAMERA, FOUND_ALREADY, Log, with_camera_offset
+from frontend.log_parts import ImageList
 from frontend.readers import folder_tables as tables
 from frontend.readers import point_tables as points
 from frontend.readers.log_toml import LogTable, RobotTable, every_camera, read_log_toml
@@ -39,6 +40,17 @@ USED = (
 """Files of the format that this version reads, in the order of the digest."""
 
 
+NOT_SEARCHED = {
+    "omni": "bearings.csv: images are not searched for landmarks, because bearings already "
+    "measured are there",
+    "overhead": "tags.csv: images of overhead cameras are not searched for tags, because poses "
+    "already measured are there",
+    "ceiling": "lamps.csv: images are not searched for lamps, because lamps already detected are "
+    "there",
+}
+"""What the user should know, by where cameras look whose images need not be searched."""
+
+
 def read_folder(folder: Path) -> Log:
     """Returns the log in a folder.
 
@@ -59,14 +71,12 @@ def read_folder(folder: Path) -> Log:
     others = _optional(folder / "landmarks.csv", points.read_landmarks)
     seen, notes = _images(folder, settings, settings_path)
     # images beside sightings only say when there were images: no camera has to be described
-    names = {name for sort in cameras.values() for name in sort} or (
-        {DEFAULT_CAMERA} if sightings is not None else set()
-    )
+    names = {*cameras} or ({DEFAULT_CAMERA} if sightings is not None else set())
     log = Log(
         name=settings.name or folder.resolve().name or "log",
         folder=folder,
         robot=_robot(settings_path, settings.robot, wheels is not None),
-        **cameras,
+        cameras=cameras,
         start_pose=np.array(settings.start.pose if settings.start else (0.0, 0.0, 0.0)),
         start_sigma=np.array(settings.start.sigma if settings.start else (0.0, 0.0, 0.0)),
         start_given=settings.start is not None,
@@ -150,20 +160,10 @@ def _doubtful(log: Log) -> Iterator[str]:
         )
     if log.scans is not None and not log.has_walls():
         yield "scans.npz: not searched for walls, because there are images or sightings.csv"
-    if log.images is not None and log.omni and log.bearings is not None:
-        yield (
-            "bearings.csv: images are not searched for landmarks, because bearings already "
-            "measured are there"
-        )
-    if log.images is not None and log.overhead and log.pose_fixes is not None:
-        yield (
-            "tags.csv: images of overhead cameras are not searched for tags, because poses already "
-            "measured are there"
-        )
-    if log.images is not None and log.ceiling and log.lamps is not None:
-        yield (
-            "lamps.csv: images are not searched for lamps, because lamps already detected are there"
-        )
+    for where, text in NOT_SEARCHED.items():
+        found = getattr(log, FOUND_ALREADY[where])
+        if log.images is not None and log.looking_at(where) and found is not None:
+            yield text
     given = (log.sightings, log.pose_fixes, log.bearings, log.lamps)
     if not len(log.searched_images()) and all(part is None for part in given):
         yield (
@@ -176,10 +176,9 @@ def _digest(log: Log) -> str:
     """Returns the SHA-256, hexadecimal, of all files used: names, sizes, content, fixed order."""
     paths = [path for name in USED if _is_there(path := log.folder / name)]
     named = [(path.name, path) for path in paths]
-    numbers = np.union1d(log.omni_images(), log.overhead_images())
-    numbers = np.union1d(numbers, log.ceiling_images())
-    if log.sightings is None:  # else no image of the floor is opened
-        numbers = np.union1d(log.floor_images(), numbers)
+    numbers = log.searched_images()
+    if log.sightings is not None:  # then no image of the floor is opened
+        numbers = np.setdiff1d(numbers, log.images_of("floor"))
     if log.images is not None and len(numbers):
         root = log.folder.resolve()
         files = [log.images.file[i] for i in numbers.tolist()]

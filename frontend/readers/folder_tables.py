@@ -12,14 +12,8 @@ from pathlib import Path, PureWindowsPath
 
 import numpy as np
 
-from frontend.log import (
-    DEFAULT_CAMERA,
-    ImageList,
-    LineSightings,
-    PoseFixes,
-    PoseTrack,
-    Wheels,
-)
+from frontend.log import DEFAULT_CAMERA
+from frontend.log_parts import ImageList, LineSightings, PoseFixes, PoseTrack, Wheels
 from frontend.quaternions import yaw
 from frontend.strict import nearest
 from frontend.table import Table, read_columns, read_table

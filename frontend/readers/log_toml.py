@@ -12,7 +12,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 from frontend.camera import LOOKS_AT, Camera
-from frontend.log import DEFAULT_CAMERA, UNKNOWN_WHEELS
+from frontend.log import DEFAULT_CAMERA, UNKNOWN_WHEELS, AnyCamera
 from frontend.omni import BearingCorrection
 from frontend.readers.omni_toml import OmniTable
 from frontend.readers.overhead_toml import OverheadTable
@@ -173,34 +173,28 @@ def read_log_toml(path: Path) -> LogTable:
 
 
 class _Described(Protocol):
-    def camera(self, name: str) -> Any:
+    def camera(self, name: str) -> AnyCamera:
         """Returns the camera; raises BadConfig where its numbers make none."""
         ...
 
 
-SORTS: Mapping[str, tuple[str, type[_Described]]] = MappingProxyType(
-    {
-        "floor": ("cameras", CameraTable),
-        "omni": ("omni", OmniTable),
-        "overhead": ("overhead", OverheadTable),
-        "ceiling": ("ceiling", CameraTable),
-    }
+TABLES: Mapping[str, type[_Described]] = MappingProxyType(
+    {"floor": CameraTable, "ceiling": CameraTable, "overhead": OverheadTable, "omni": OmniTable}
 )
-"""By where a camera looks: the field of `Log` that holds it, and the keys that describe it."""
+"""By where a camera looks: the keys that describe it."""
 
 
-def every_camera(path: Path, content: LogTable) -> dict[str, dict[str, Any]]:
-    """Returns the cameras of each sort, by name, under the name of the field of `Log` for them.
+def every_camera(path: Path, content: LogTable) -> dict[str, AnyCamera]:
+    """Returns the cameras by name.
 
     Raises:
         BadLog: a camera is described wrongly.
     """
-    found: dict[str, dict[str, Any]] = {part: {} for part, _ in SORTS.values()}
+    found: dict[str, AnyCamera] = {}
     for at, name, table, looks_at in _cameras(path, content):
-        part, keys = SORTS[looks_at]
-        given = from_dict(keys, table, str(path), BadLog, at)
+        given = from_dict(TABLES[looks_at], table, str(path), BadLog, at)
         try:
-            found[part][name] = given.camera(name)
+            found[name] = given.camera(name)
         except BadConfig as refused:
             raise BadLog(f"{path}: [{at}] {refused}") from None
     return found
@@ -208,7 +202,7 @@ def every_camera(path: Path, content: LogTable) -> dict[str, dict[str, Any]]:
 
 def _cameras(path: Path, content: LogTable) -> Iterator[tuple[str, str, Any, str]]:
     """Yields of each camera where it is described, its name, its table and where it looks."""
-    tables = {f"cameras.{name}": (name, table) for name, table in content.cameras.items()}
+    tables: dict[str, tuple[str, Any]] = {}
     if content.camera is not None:
         if DEFAULT_CAMERA in content.cameras:
             raise BadLog(
@@ -216,6 +210,7 @@ def _cameras(path: Path, content: LogTable) -> Iterator[tuple[str, str, Any, str
                 "remove one"
             )
         tables["camera"] = (DEFAULT_CAMERA, content.camera)
+    tables |= {f"cameras.{name}": (name, table) for name, table in content.cameras.items()}
     for at, (name, table) in tables.items():
         yield at, name, table, _looks_at(path, at, name, table)
 

@@ -33,6 +33,7 @@ class OmniTable:
     ring_px: Pair | None = None
     offset_deg: float = 0.0
     harmonics_deg: tuple[Pair, ...] = ()
+    delay: float = 0.0
 
     def camera(self, name: str) -> OmniCamera:
         """Returns the camera; raises BadConfig where its numbers make none."""
@@ -47,4 +48,5 @@ class OmniTable:
             self.mirrored,
             self.ring_px,
             BearingCorrection(self.offset_deg, self.harmonics_deg),
+            self.delay,
         )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from frontend.log import BearingSightings, LampSightings
+from frontend.log_parts import BearingSightings, LampSightings
 from frontend.readers.folder_tables import check_radians, covariances, received
 from frontend.strict import nearest
 from frontend.table import Table, read_table

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.log import DEFAULT_CAMERA, ImageList
+from frontend.log import DEFAULT_CAMERA
+from frontend.log_parts import ImageList
 from frontend.table import read_table
 from graphslam.errors import BadLog
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from frontend.log import BearingSightings
+from frontend.log_parts import BearingSightings
 from frontend.simulate.cones import cone_landmarks
 from frontend.simulate.drive import Drive
 from frontend.simulate.scenario import Scenario

@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from frontend.camera import Camera
 from frontend.columns import later
 from frontend.lamps import motion_covariance, pixel_areas
-from frontend.log import LampSightings
+from frontend.log_parts import LampSightings
 from frontend.simulate.ceiling import Ceiling, UpwardCamera
 from frontend.simulate.drive import Drive
 from graphslam.geometry import Array, between, compose, interpolate_poses, inverse, wrap

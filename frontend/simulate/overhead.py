@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
-from frontend.log import PoseFixes
+from frontend.log_parts import PoseFixes
 from frontend.overhead import OverheadCamera, pose_of_tags
 from frontend.simulate.drive import Drive
 from frontend.simulate.mess import add_dirt, add_shadows

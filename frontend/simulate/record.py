@@ -3,42 +3,29 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import tempfile
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.extract import extract
-from frontend.log import DEFAULT_CAMERA, Log, PoseTrack, Wheels
+from frontend.log import AnyCamera, Log
+from frontend.log_parts import PoseTrack, Wheels
 from frontend.simulate.bearings import draw_bearings
-from frontend.simulate.cones import OMNI, cone_landmarks, omni_camera
+from frontend.simulate.cones import cone_landmarks, omni_camera
 from frontend.simulate.drive import Drive, drive
-from frontend.simulate.lamps import CAMERA as CEILING_CAMERA
-from frontend.simulate.lamps import (
-    ceiling_view,
-    draw_lamp_sightings,
-    render_ceiling,
-    upward_camera,
-)
-from frontend.simulate.mirror import render_around
-from frontend.simulate.overhead import (
-    build_workspace,
-    draw_fixes,
-    hidden_frames,
-    render_overhead,
-)
-from frontend.simulate.render import pixel_grid, render
+from frontend.simulate.lamps import draw_lamp_sightings, upward_camera
+from frontend.simulate.overhead import draw_fixes
 from frontend.simulate.scenario import Scenario
+from frontend.simulate.series import image_series
 from frontend.simulate.sightings import camera_in_log, draw_sightings
 from frontend.simulate.view import camera_of
-from frontend.simulate.workspace import NAME, overhead_camera
-from frontend.simulate.world import World, build_world, floor_lines, floor_stretches
+from frontend.simulate.workspace import overhead_camera
+from frontend.simulate.world import floor_lines, floor_stretches
 from frontend.write_folder import write_images_csv, write_log
 from graphslam.errors import BadConfig
 from graphslam.geometry import Array
@@ -122,9 +109,8 @@ def simulate_log(scenario: Scenario, seed: int = 0) -> Log:
     bearings = None if scenario.omni is None else draw_bearings(scenario, run, streams[6])
     parts = (part for part in (seen, fixes, lamps, bearings) if part is not None and len(part.t))
     first = min((part.t[0] for part in parts), default=0.0)
-    camera = camera_in_log(scenario)
     start = run.pose_at(np.array([first]))[0]
-    log = _log(scenario, run, start, {} if camera is None else {DEFAULT_CAMERA: camera})
+    log = _log(scenario, run, start, camera_in_log(scenario))
     digest = hashlib.sha256(f"{scenario.digest()} {seed}".encode()).hexdigest()
     log = replace(log, sightings=seen, pose_fixes=fixes, digest=digest)
     return replace(log, lamps=lamps, bearings=bearings)
@@ -152,15 +138,15 @@ def _refuse_existing(out: Path) -> None:
         raise BadConfig(f"{out}: exists already; choose another folder, or remove this one first")
 
 
-def _log(scenario: Scenario, run: Drive, start: Array, cameras: dict[str, Camera]) -> Log:
-    """Returns what a log holds with images and without."""
+def _log(scenario: Scenario, run: Drive, start: Array, floor: Camera | None) -> Log:
+    """Returns what a log holds with images and without; ``floor`` looks at the floor."""
     lines, stretch = floor_lines(scenario), floor_stretches(scenario)
     count, ceiling = len(lines), scenario.ceiling
     return Log(
         name=scenario.name,
         folder=Path(scenario.name),
         robot=scenario.robot,
-        cameras=cameras,
+        cameras=_cameras(scenario, floor),
         start_pose=start if scenario.start.known else np.zeros(3),
         start_sigma=np.zeros(3),
         start_given=scenario.start.known,
@@ -181,11 +167,20 @@ def _log(scenario: Scenario, run: Drive, start: Array, cameras: dict[str, Camera
         ),
         warnings=(),
         digest="",
-        overhead={} if scenario.overhead is None else {NAME: overhead_camera(scenario.overhead)},
         landmarks=_landmarks(scenario),
-        ceiling={} if ceiling is None else {CEILING_CAMERA: upward_camera(ceiling.camera)},
-        omni={} if scenario.omni is None else {OMNI: omni_camera(scenario.omni, scenario.cones)},
     )
+
+
+def _cameras(scenario: Scenario, floor: Camera | None) -> dict[str, AnyCamera]:
+    """Returns the cameras that a log describes, by name."""
+    ceiling, overhead, omni = scenario.ceiling, scenario.overhead, scenario.omni
+    eyes = (
+        floor,
+        None if ceiling is None else upward_camera(ceiling.camera),
+        None if overhead is None else overhead_camera(overhead),
+        None if omni is None else omni_camera(omni, scenario.cones),
+    )
+    return {eye.name: eye for eye in eyes if eye is not None}
 
 
 def _landmarks(scenario: Scenario) -> LandmarkMap | None:
@@ -207,20 +202,10 @@ def _write_with_images(
     run = _drive(scenario, streams)
     start = scenario.start
     pose = np.array([start.x, start.y, np.deg2rad(start.heading_deg)])
-    cameras = {} if scenario.camera is None else {DEFAULT_CAMERA: camera_of(scenario.camera)}
-    log = _log(scenario, run, pose, cameras)
+    camera = None if scenario.camera is None else camera_of(scenario.camera)
+    log = _log(scenario, run, pose, camera)
     write_log(folder, log, exact=False)
-    world = build_world(scenario, np.random.default_rng(streams[2]))
-    series = [
-        part
-        for part in (
-            _floor_images(scenario, world, run, streams[3], cameras),
-            _overhead_images(scenario, world, run, streams[3], streams[5]),
-            _ceiling_images(scenario, run, *streams[2:4]),
-            _omni_images(scenario, run, streams[6]),
-        )
-        if part is not None
-    ]
+    series = image_series(scenario, run, streams)
     t = np.concatenate([part.t for part in series])
     files = [file for part in series for file in part.files]
     names = [part.camera for part in series for _ in part.files]
@@ -236,98 +221,3 @@ def _write_with_images(
             done += 1
             if progress is not None:
                 progress(done, len(files))
-
-
-@dataclass(frozen=True, slots=True)
-class _Series:
-    """The images of one camera: their times, files, quality, and what draws them in order."""
-
-    camera: str
-    t: Array
-    files: list[str]
-    quality: int
-    pictures: Iterator[NDArray[np.uint8]]
-
-
-def _files(folder: str, count: int, quality: int) -> list[str]:
-    suffix = "jpg" if quality else "png"
-    return [f"{folder}/{number:06d}.{suffix}" for number in range(count)]
-
-
-def _floor_images(
-    scenario: Scenario,
-    world: World,
-    run: Drive,
-    seed: np.random.SeedSequence,
-    cameras: dict[str, Camera],
-) -> _Series | None:
-    if scenario.camera is None:
-        return None
-    grid = pixel_grid(cameras[DEFAULT_CAMERA], scenario.light)
-    pixels, quality = np.random.default_rng(seed), scenario.camera.jpeg_quality
-    frames = zip(run.frame_t.tolist(), run.pose_at_frames(), strict=True)
-    pictures = (render(scenario, world, grid, pose, t, pixels) for t, pose in frames)
-    files = _files("images", len(run.frame_t), quality)
-    return _Series(DEFAULT_CAMERA, run.frame_t, files, quality, pictures)
-
-
-def _overhead_images(
-    scenario: Scenario,
-    world: World,
-    run: Drive,
-    pixel_seed: np.random.SeedSequence,
-    tag_seed: np.random.SeedSequence,
-) -> _Series | None:
-    spec = scenario.overhead
-    if spec is None:
-        return None
-    workspace = build_workspace(scenario, world)
-    lost, tags = map(np.random.default_rng, tag_seed.spawn(2))
-    pixels = np.random.default_rng(pixel_seed.spawn(1)[0])
-    hidden = hidden_frames(spec, run.overhead_t, lost)
-    frames = zip(run.overhead_t.tolist(), run.pose_at(run.overhead_t), hidden, strict=True)
-    pictures = (
-        render_overhead(scenario, workspace, pose, t, bool(covered), pixels, tags)
-        for t, pose, covered in frames
-    )
-    files = _files(NAME, len(run.overhead_t), spec.jpeg_quality)
-    return _Series(NAME, run.overhead_t, files, spec.jpeg_quality, pictures)
-
-
-def _ceiling_images(
-    scenario: Scenario,
-    run: Drive,
-    fringe_seed: np.random.SeedSequence,
-    pixel_seed: np.random.SeedSequence,
-) -> _Series | None:
-    ceiling = scenario.ceiling
-    if ceiling is None:
-        return None
-    camera = upward_camera(ceiling.camera)
-    view = ceiling_view(ceiling, camera, np.random.default_rng(fringe_seed))
-    pixels, quality = np.random.default_rng(pixel_seed), ceiling.camera.jpeg_quality
-    frames = zip(run.frame_t.tolist(), run.pose_at_frames(), strict=True)
-    pictures = (render_ceiling(ceiling, view, pose, t, pixels) for t, pose in frames)
-    files = _files("images", len(run.frame_t), quality)
-    return _Series(CEILING_CAMERA, run.frame_t, files, quality, pictures)
-
-
-def _omni_images(scenario: Scenario, run: Drive, seed: np.random.SeedSequence) -> _Series | None:
-    spec = scenario.omni
-    if spec is None:
-        return None
-    pixels, light = np.random.default_rng(seed), scenario.light
-    frames = zip(run.omni_t.tolist(), run.pose_at(run.omni_t), strict=True)
-    pictures = (
-        render_around(
-            spec,
-            scenario.cones,
-            pose,
-            scenario.surface.grey,
-            pixels,
-            1.0 + light.drift * math.sin(2.0 * math.pi * t / light.drift_period),
-        )
-        for t, pose in frames
-    )
-    files = _files(OMNI, len(run.omni_t), spec.jpeg_quality)
-    return _Series(OMNI, run.omni_t, files, spec.jpeg_quality, pictures)

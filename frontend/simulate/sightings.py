@@ -10,7 +10,7 @@ import numpy as np
 from frontend.camera import Camera
 from frontend.config import DetectorConfig
 from frontend.lines import line_covariance
-from frontend.log import LineSightings
+from frontend.log_parts import LineSightings
 from frontend.simulate.drive import Drive
 from frontend.simulate.scenario import Scenario
 from frontend.simulate.sensors import SightingSpec

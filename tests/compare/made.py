@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from frontend.camera import Camera
-from frontend.log import ImageList, Log, PoseTrack, Wheels
+from frontend.log import Log
+from frontend.log_parts import ImageList, PoseTrack, Wheels
 from graphslam.estimate import Estimate
 from graphslam.geometry import (
     compose,

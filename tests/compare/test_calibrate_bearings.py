@@ -109,7 +109,7 @@ def test_what_is_missing_for_it_is_named(spoilt: Log, tmp_path: Path) -> None:
     for change, message in (
         ({"truth": None}, "groundtruth.tum is missing"),
         ({"landmarks": None}, "landmarks.csv is missing"),
-        ({"bearings": None, "omni": {}}, "no bearings to calibrate"),
+        ({"bearings": None, "cameras": {}}, "no bearings to calibrate"),
     ):
         with pytest.raises(BadLog, match=message):
             calibrate_bearings(replace(spoilt, **change))

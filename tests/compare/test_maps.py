@@ -13,7 +13,8 @@ from compare.maps import MapMetrics, map_metrics
 from compare.matching import assign, matching_table
 from compare.truth import SEEN_FRAMES, Truth, truth_of
 from frontend.camera import Camera
-from frontend.log import LineSightings, Log
+from frontend.log import Log
+from frontend.log_parts import LineSightings
 from graphslam.estimate import Estimate
 from graphslam.geometry import (
     inverse,

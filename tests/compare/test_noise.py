@@ -18,7 +18,8 @@ from compare.truth import truth_of
 from compare.verdict import verdict
 from frontend.config import ExtractConfig, NoiseConfig
 from frontend.extract import extract
-from frontend.log import Log, PoseTrack, open_log
+from frontend.log import Log, open_log
+from frontend.log_parts import PoseTrack
 from frontend.simulate import load_scenario, simulate_log
 from graphslam.config import EkfConfig, MatchingConfig
 from graphslam.ekf import innovation_log_likelihood, run_ekf

@@ -161,12 +161,12 @@ def test_where_the_robot_was_and_which_lamp_is_dark(building: Building) -> None:
     )
     estimate = run_ekf(measurements)
     assert [visit.place for visit in visits(building, estimate)] == ["lift", "west corridor", "lab"]
-    records = {r.id: r for r in lamp_records(building, measurements, estimate, log.ceiling["up"])}
+    records = {r.id: r for r in lamp_records(building, measurements, estimate, log.cameras["up"])}
     assert records[2].out_of_order
     assert not any(records[number].out_of_order for number in (0, 1, 3, 4))
     assert records[0].seen > 20
     mapped = replace(measurements, known=None)
-    assert lamp_records(building, mapped, run_ekf(mapped), log.ceiling["up"]) == ()
+    assert lamp_records(building, mapped, run_ekf(mapped), log.cameras["up"]) == ()
 
 
 def test_lamps_of_log_and_map_are_told_by_place_not_by_number(building: Building) -> None:
@@ -175,7 +175,7 @@ def test_lamps_of_log_and_map_are_told_by_place_not_by_number(building: Building
     assert measurements.known is not None
     renumbered = replace(measurements.known, id=measurements.known.id + 40)
     own = replace(measurements, known=renumbered)
-    records = {r.id: r for r in lamp_records(building, own, run_ekf(own), log.ceiling["up"])}
+    records = {r.id: r for r in lamp_records(building, own, run_ekf(own), log.cameras["up"])}
     assert [records[number].seen > 20 for number in range(5)] == [True, True, False, True, True]
     assert records[2].out_of_order
 

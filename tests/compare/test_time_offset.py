@@ -15,7 +15,8 @@ from compare.cli import main
 from compare.config import RunConfig
 from compare.run import open_as, run_opened
 from compare.time_offset import estimate_time_offset, velocity_at
-from frontend.log import Log, Wheels, open_log, with_camera_offset
+from frontend.log import Log, open_log, with_camera_offset
+from frontend.log_parts import Wheels
 from frontend.simulate import load_scenario, simulate_log
 from graphslam.errors import BadLog
 from tests.compare.tiny_log import write_tiny_log

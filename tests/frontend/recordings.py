@@ -12,7 +12,8 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 
 from frontend.images import image_file
-from frontend.log import Log, PoseTrack, Wheels, open_log
+from frontend.log import Log, open_log
+from frontend.log_parts import PoseTrack, Wheels
 from frontend.readers.bag_types import store_of
 from frontend.write_bag import robot_file_text
 from frontend.write_folder import write_images_csv, write_log, write_map

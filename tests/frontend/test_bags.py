@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tracemalloc
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from frontend.readers.bag_files import files_of
 from frontend.readers.bag_parts import Losses
 from frontend.write_bag import write_bag
 from graphslam.ekf import run_ekf
+from graphslam.errors import BadLog
 from graphslam.measurements import Measurements
 from graphslam.smoother import smooth
 from tests.frontend.recordings import (
@@ -79,6 +81,17 @@ def test_images_without_compression_give_the_same_too(
     write_bag(recorded, tmp_path / "raw.mcap", "mcap", raw=True)
     found = extract(open_log(tmp_path / "raw.mcap", folder / "robot.toml"))
     assert np.array_equal(found.sightings["line"].z, expected.sightings["line"].z)
+
+
+def test_an_image_of_another_size_is_named_by_its_topic(folder: Path, tmp_path: Path):
+    settings = (folder / "robot.toml").read_text()
+    wrong = re.sub(r"image_size = .*", "image_size = [64, 48]", settings)
+    wrong = re.sub(r"map = .*", "", wrong)
+    (tmp_path / "robot.toml").write_text(wrong)
+    log = open_log(folder / NAMES["mcap"], tmp_path / "robot.toml")
+    said = r"\.mcap: /camera/floor/image message 1: is \d+ x \d+ pixels, but robot.toml says"
+    with pytest.raises(BadLog, match=said):
+        extract(log)
 
 
 def test_a_video_gives_the_same_estimates_to_its_codecs_loss(

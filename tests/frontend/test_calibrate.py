@@ -153,7 +153,7 @@ def test_the_block_for_log_toml_is_read_back_as_the_same_camera(tmp_path: Path) 
         found = calibrate_camera(raw, SIZE, fit_distortion=fit_distortion)
         path = tmp_path / "log.toml"
         path.write_text(f'format = "graphslam-log/1"\n{camera_toml(found)}')
-        cameras = every_camera(path, read_log_toml(path))["cameras"]
+        cameras = every_camera(path, read_log_toml(path))
         assert cameras["floor"].image_size == SIZE
         assert floor_difference(cameras["floor"], found.camera) < 1e-7
 

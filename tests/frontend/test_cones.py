@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,9 @@ from frontend.config import ExtractConfig, OmniConfig
 from frontend.extract import UNREADABLE_OMNI, extract
 from frontend.log import open_log
 from frontend.omni import BearingCorrection, Colour, OmniCamera
+from frontend.readers.log_toml import LogTable, every_camera
+from frontend.strict import from_dict
+from frontend.write_folder import log_toml
 from graphslam.errors import BadConfig, BadLog
 from graphslam.geometry import wrap
 from tests.frontend.small_logs import LOG_TOML, write_log
@@ -186,13 +190,26 @@ def test_images_of_a_log_become_bearings_at_its_nodes(tmp_path: Path) -> None:
     assert open_log(changed).digest != log.digest
 
 
+def test_a_search_for_cones_tells_its_progress_and_its_delay(tmp_path: Path) -> None:
+    late = OMNI.replace("[[cameras.round.colours]]", "delay = 0.5\n[[cameras.round.colours]]", 1)
+    log = open_log(write_omni(tmp_path / "log", log_toml=LOG_TOML + late))
+    told: list[tuple[int, int]] = []
+    table = extract(log, progress=lambda *done: told.append(done)).sightings["bearing"]
+    assert told == [(1, 3), (2, 3), (3, 3)]
+    assert table.t_received.tolist() == [0.5, 0.5, 2.5, 2.5]
+    again = from_dict(LogTable, tomllib.loads("\n".join(log_toml(log))), "log.toml", BadLog)
+    assert every_camera(tmp_path / "log.toml", again) == dict(log.cameras)
+    with pytest.raises(BadLog, match=r"camera 'round': delay = -1\.0: must be from 0"):
+        open_log(write_omni(tmp_path / "b", log_toml=LOG_TOML + late.replace("0.5\n", "-1.0\n")))
+
+
 def test_bearings_already_measured_come_first_and_are_corrected(tmp_path: Path) -> None:
     rows = "t,bearing,sigma\n0,0.5,0.01\n1,0.5,0.01\n"
     extra = "[bearings]\noffset_deg = 2.0\nharmonics_deg = [[1.0, 0.0]]\n"
     settings = LOG_TOML + OMNI + extra
     log = open_log(write_omni(tmp_path, log_toml=settings, bearings_csv=rows))
     assert any("bearings.csv: images are not searched" in text for text in log.warnings)
-    assert not len(log.omni_images())
+    assert not len(log.images_of("omni"))
     z = extract(log).sightings["bearing"].z
     np.testing.assert_allclose(z, 0.5 + np.radians(2.0 + np.cos(0.5)))
 

@@ -12,7 +12,8 @@ import pytest
 
 from frontend.config import ExtractConfig
 from frontend.extract import extract, extraction_warnings
-from frontend.log import UNKNOWN_WHEELS, Log, PoseTrack, open_log
+from frontend.log import UNKNOWN_WHEELS, Log, open_log
+from frontend.log_parts import PoseTrack
 from frontend.truth import LARGEST_OFFSET, LARGEST_TURN, nearest_line, true_lines
 from graphslam.errors import BadConfig, BadLog
 from graphslam.geometry import compose, line_to_robot, twin

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 import frontend
-from frontend.log import Wheels, open_log
+from frontend.log import open_log
+from frontend.log_parts import Wheels
 from frontend.readers import folder, folder_tables
 from frontend.readers.point_tables import LAMP_COV, LAMP_SIGMA
 from graphslam.errors import BadLog
@@ -36,7 +37,7 @@ def test_a_recorded_log_is_read_whole(shared_data: Path):
     assert log.images is not None
     assert len(log.images.t) == 278
     assert log.images.file[277].name == "000277.jpg"
-    assert log.floor_images().tolist() == list(range(278))
+    assert log.images_of("floor").tolist() == list(range(278))
     assert log.cameras["floor"].image_size == (320, 240)
     assert log.truth is not None
     np.testing.assert_allclose(log.truth.pose[0], [0.253707, 0.200449, 0.208420], atol=1e-6)
@@ -177,11 +178,12 @@ def test_images_of_several_cameras_keep_their_row_numbers(tmp_path: Path):
     )
     rows = "t,file,camera\n0,a.png,up\n0,a.png,floor\n0,a.png,rear\n1,a.png,rear\n"
     log = open_log(write_log(tmp_path, log_toml=settings, images_csv=rows, a_png=b"x"))
-    assert sorted(log.cameras) == ["floor", "rear"]
+    assert sorted(log.cameras) == ["floor", "rear", "up"]
+    assert sorted(log.looking_at("floor")) == ["floor", "rear"]
     assert log.images is not None
     assert log.images.camera == ("up", "floor", "rear", "rear")
-    assert log.floor_images().tolist() == [1, 2, 3]
-    assert log.ceiling_images().tolist() == [0]
+    assert log.images_of("floor").tolist() == [1, 2, 3]
+    assert log.images_of("ceiling").tolist() == [0]
     assert log.warnings == ()
 
 

@@ -192,7 +192,7 @@ def test_rendered_images_give_poses_with_honest_noise(small: Scenario, tmp_path:
     measurements = extract(log, config)
     fixes, off = measurements.sightings[KIND], errors(log, measurements)
     lost = sum(n for reason, n in measurements.rejected.items() if reason in overhead.NO_POSE)
-    assert len(fixes) + lost == len(log.overhead_images()) == len(measurements.t)
+    assert len(fixes) + lost == len(log.images_of("overhead")) == len(measurements.t)
     assert 0.03 < lost / len(measurements.t) < 0.2
     nees = np.einsum("ki,kij,kj->k", off, np.linalg.inv(fixes.cov), off) / 3.0
     assert 0.7 < nees.mean() < 1.4

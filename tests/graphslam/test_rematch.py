@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from frontend.extract import extract
-from frontend.log import Wheels
+from frontend.log_parts import Wheels
 from frontend.simulate import load_scenario, simulate_log
 from graphslam.baseline import dead_reckoning
 from graphslam.config import EkfConfig, MatchingConfig, SmootherConfig

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from graphslam.rematch.objective import objective
-from graphslam.rematch.rematch import Rematched, rematch, settle
+from graphslam.rematch.rematch import rematch, settle
+from graphslam.rematch.rounds import Rematched
 
 __all__ = ["Rematched", "objective", "rematch", "settle"]

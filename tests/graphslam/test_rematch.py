@@ -16,7 +16,8 @@ from graphslam.ekf import run_ekf
 from graphslam.estimate import Estimate
 from graphslam.measurements import Measurements
 from graphslam.rematch import rematch
-from graphslam.rematch.rematch import DROPPED, MENDED, MERGED, MOVED, REVIVED, STARTED
+from graphslam.rematch.rematch import MENDED, MOVED, REVIVED
+from graphslam.rematch.rounds import DROPPED, MERGED, STARTED
 from graphslam.rematch.window import sliding_window, way_of
 from graphslam.smoother import smooth, state_problem
 from graphslam.smoother.batch import minimise

@@ -1,0 +1,111 @@
+"""Deciding all matches again, round after round, until nothing changes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from graphslam.config import RematchConfig, SmootherConfig
+from graphslam.measurements import IntArray
+from graphslam.rematch.decide import decide
+from graphslam.rematch.fitted import UNMATCHED, Fitted, renumbered
+from graphslam.rematch.found import start_landmarks
+from graphslam.rematch.merge import merges
+from graphslam.rematch.objective import objective
+from graphslam.smoother.problem import Minimum, Problem
+
+Minimise = Callable[[Problem, SmootherConfig], Minimum]
+
+MERGED = "landmarks merged with another by rematching"
+STARTED = "landmarks started by rematching"
+DROPPED = "landmarks dropped for too few sightings by rematching"
+ROUNDS = "rounds of rematching that only moved sightings"
+
+PATIENCE = 3
+"""Rounds without a lower objective after which no more are tried."""
+LEAST_GAIN = 0.5
+"""By how much a change of many matches must lower the objective to be kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rematched:
+    """Where deciding again has ended.
+
+    Attributes:
+        fitted: the matches that last, at their minimum.
+        objective: what was lowered; see `graphslam.rematch.objective`.
+        settled: whether nothing changed any more, within the rounds allowed.
+        counts: what was changed, by name.
+    """
+
+    fitted: Fitted
+    objective: float
+    settled: bool
+    counts: dict[str, int]
+
+
+def rounds(
+    problem: Problem, config: SmootherConfig, minimise: Minimise, before: IntArray | None = None
+) -> Rematched:
+    """Returns the best of what deciding again, round after round, comes by.
+
+    Args:
+        problem: where to begin.
+        config: rules, and the largest number of rounds.
+        minimise: finds minima.
+        before: (K,) matches that are known already, at which there is no need to go on.
+    """
+    rules = config.rematching
+    fitted = Fitted.of(problem, minimise(problem, config))
+    counts: Counter[str] = Counter()
+    best, settled, since = fitted, False, 0
+    seen = set() if before is None else {before.tobytes()}
+    for _ in range(rules.rounds):
+        changed, done = _one_round(fitted, rules)
+        name = changed.match.tobytes()
+        if not done or name in seen or since == PATIENCE:
+            settled = True
+            break
+        seen.add(name)
+        counts += done
+        fitted = Fitted.of(changed, minimise(changed, config))
+        since += 1
+        if objective(fitted, rules) <= objective(best, rules):
+            best, since = fitted, 0
+    return Rematched(best, objective(best, rules), settled, dict(counts))
+
+
+def _one_round(fitted: Fitted, rules: RematchConfig) -> tuple[Problem, Counter[str]]:
+    """Returns the problem with the matches decided again, and what was done."""
+    done: Counter[str] = Counter()
+    problem = fitted.problem
+    decision = decide(fitted, rules)
+    match = _merged(decision.match, merges(fitted, rules), done)
+    match = _without_small(match, problem, rules.min_sightings, done)
+    alone = np.flatnonzero(decision.alone & (match == UNMATCHED))
+    before = len(problem.kinds)
+    problem = start_landmarks(replace(problem, match=match), alone, rules)
+    done[STARTED] += len(problem.kinds) - before
+    changed = bool(np.any(problem.match != fitted.problem.match))
+    done += Counter()  # drops what was not done
+    if changed and not done:
+        done[ROUNDS] += 1
+    return renumbered(problem, problem.match), done
+
+
+def _merged(match: IntArray, pairs: IntArray, done: Counter[str]) -> IntArray:
+    for a, b in pairs:
+        keep, other = min(a, b), max(a, b)  # known landmarks come first
+        match = np.where(match == other, keep, match)
+    done[MERGED] += len(pairs)
+    return match
+
+
+def _without_small(match: IntArray, problem: Problem, fewest: int, done: Counter[str]) -> IntArray:
+    count = np.bincount(match[match >= 0], minlength=len(problem.kinds))
+    small = (count < fewest) & ~problem.fixed
+    done[DROPPED] += int(np.sum(small & (count > 0)))
+    return np.where(np.append(small, False)[match], UNMATCHED, match)

@@ -107,7 +107,7 @@ class Search:
         self.fitted = fitted
         self.patches = patches_of(fitted)
         self.way = travelled(fitted.problem.pose)
-        self.spread = Spread(fitted)
+        self.spread = Spread(fitted.problem.pose, fitted.problem.measurements.odometry)
         self.found: list[Finding] = []
 
     def close(self) -> int:

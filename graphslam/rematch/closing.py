@@ -106,7 +106,7 @@ def _closings(
     fitted: Fitted, maps: tuple[Submap, ...], config: RematchConfig, slips: bool
 ) -> Iterator[Closing]:
     """Yields the ways to lay later submaps on earlier ones that odometry allows."""
-    spread = Spread(fitted)
+    spread = Spread(fitted.problem.pose, fitted.problem.measurements.odometry)
     gate = gate_for(config.gate, DIM)
     for a, b in candidates(maps, spread, config.submap_m, np.inf if slips else math.sqrt(gate)):
         earlier, later = maps[a], maps[b]

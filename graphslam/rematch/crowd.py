@@ -10,7 +10,7 @@ from graphslam.association import gate_for
 from graphslam.config import RematchConfig
 from graphslam.geometry import Array
 from graphslam.models import Model
-from graphslam.rematch.fitted import Fitted
+from graphslam.smoother.problem import Problem
 
 DENSITY = 1.0
 """Landmarks expected for each unit of a residual's space (a line: m times rad) before any is seen.
@@ -33,14 +33,14 @@ def most_surprise(S: Array) -> Array:
     return np.asarray(-2.0 * math.log(DENSITY) - d * math.log(2.0 * math.pi) - np.log(det))
 
 
-def by_chance(fitted: Fitted, model: Model, S: Array, config: RematchConfig) -> Array:
+def by_chance(problem: Problem, model: Model, S: Array, config: RematchConfig) -> Array:
     """Returns how many landmarks (...) would lie within a gate by chance.
 
     A distance says how well two things fit, not how little else would: after a long stretch without
     a landmark seen twice everything fits something. There only groups of lines tell places apart.
 
     Args:
-        fitted: its map says how dense landmarks are.
+        problem: its map says how dense landmarks are.
         model: of the kind of landmark.
         S: (..., d, d) covariances of residuals.
         config: the gate.
@@ -49,17 +49,17 @@ def by_chance(fitted: Fitted, model: Model, S: Array, config: RematchConfig) -> 
     root = np.sqrt(np.maximum(np.linalg.det(S), 0.0))
     ball = math.pi ** (d / 2.0) / math.gamma(d / 2.0 + 1.0)
     volume = ball * gate_for(config.gate, d) ** (d / 2.0) * root
-    return np.asarray(_density(fitted, model) * volume)
+    return np.asarray(_density(problem, model) * volume)
 
 
-def _density(fitted: Fitted, model: Model) -> float:
+def _density(problem: Problem, model: Model) -> float:
     """Returns how many landmarks of a kind there are for each unit of the residual's space.
 
     As if they were spread evenly over what is seen of them from the middle of the path.
     """
-    landmarks = fitted.of_kind(model.kind)
-    params = fitted.problem.params[landmarks, : model.dim_landmark]
-    middle = np.array([*fitted.problem.pose[:, :2].mean(axis=0), 0.0])
+    landmarks = problem.of_kind(model.kind)
+    params = problem.params[landmarks, : model.dim_landmark]
+    middle = np.array([*problem.pose[:, :2].mean(axis=0), 0.0])
     zero = np.zeros((len(landmarks), model.dim_z))
     e, _, _ = model.residual(np.broadcast_to(middle, (len(landmarks), 3)), params, zero)
     width = math.sqrt(12.0) * e.std(axis=0) + 1e-9

@@ -115,7 +115,7 @@ def _pairs(
     S = _definite(S, R)
     gap = _gaps(fitted, model, table, row, landmark)
     distance = mahalanobis(e, S) + gap_price(gap, config)
-    distance[~own & (by_chance(fitted, model, S, config) > CROWDED)] = np.inf
+    distance[~own & (by_chance(problem, model, S, config) > CROWDED)] = np.inf
     gate, gate_new = (gate_for(gate, model.dim_z) for gate in (config.gate, config.gate_new))
     most = np.where(own, gate, np.minimum(gate, most_surprise(S)))
     beside = (distance <= gate_new) & (gap <= APART * config.gap_m)
@@ -135,17 +135,36 @@ def _within_reach(
     row, column = close_pairs(fitted, model, table, landmarks, config)
     alike = labels_agree(table.label[row], fitted.label[landmarks[column]])
     row, landmark = row[alike], landmarks[column[alike]]
+    sigma_pose = np.sqrt(np.diagonal(fitted.cov_pose, axis1=1, axis2=2))
+    sigma_map = _sigmas(fitted, dim)
     kept = [np.zeros(0, np.int64)]
     for begin in range(0, len(row), CHUNK):
         part = np.arange(begin, min(begin + CHUNK, len(row)))
-        node, of = table.node[row[part]], landmark[part]
+        node, of, R = table.node[row[part]], landmark[part], table.cov[row[part]]
         params = problem.params[of, :dim]
         e, J_p, J_l = model.residual(problem.pose[node], params, table.z[row[part]])
+        # no entry of e is farther off than the gate, whatever the others are: this is cheap
+        most = 2.0 * (_reach(J_p, sigma_pose[node]) ** 2 + _reach(J_l, sigma_map[of]) ** 2)
+        most += np.diagonal(R, axis1=1, axis2=2)
+        near = np.flatnonzero((e * e <= gate * most).all(axis=1))
+        e, J_p, J_l, R = e[near], J_p[near], J_l[near], R[near]
+        node, of = node[near], of[near]
         S = J_p @ fitted.cov_pose[node] @ np.swapaxes(J_p, -1, -2)
         S += J_l @ fitted.landmark_cov(of, of, dim) @ np.swapaxes(J_l, -1, -2)
-        kept.append(part[mahalanobis(e, 2.0 * S + table.cov[row[part]]) <= gate])
+        kept.append(part[near[mahalanobis(e, 2.0 * S + R) <= gate]])
     pairs = np.concatenate(kept)
     return row[pairs], landmark[pairs]
+
+
+def _sigmas(fitted: Fitted, dim: int) -> Array:
+    """Returns standard deviations (M, dim) of the landmarks that have so many parameters."""
+    variance = np.append(np.diagonal(fitted.cov_joint), np.zeros(dim))
+    return np.asarray(np.sqrt(np.maximum(variance[fitted.offsets[:-1, None] + np.arange(dim)], 0)))
+
+
+def _reach(J: Array, sigma: Array) -> Array:
+    """Returns the largest standard deviations (k, d) of ``J x``, whatever the correlations of x."""
+    return np.asarray(np.einsum("kij,kj->ki", np.abs(J), sigma))
 
 
 def _gaps(

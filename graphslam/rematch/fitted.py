@@ -70,7 +70,7 @@ class Fitted:
 
     def of_kind(self, kind: str) -> IntArray:
         """Returns the landmarks of one kind."""
-        return np.flatnonzero(np.array(self.problem.kinds, dtype=object) == kind)
+        return self.problem.of_kind(kind)
 
 
 def nodes_of(problem: Problem) -> IntArray:

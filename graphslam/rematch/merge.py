@@ -72,7 +72,7 @@ def difference(
         scale = np.trace(S, axis1=-2, axis2=-1)[:, None, None]
         S = S + 1e-12 * scale * np.eye(S.shape[-1])
         distance[a, b], most[a, b] = mahalanobis(e, S), most_surprise(S)
-        distance[a, b[by_chance(fitted, model, S, config) > CROWDED]] = np.inf
+        distance[a, b[by_chance(problem, model, S, config) > CROWDED]] = np.inf
     distance[_seen_together(fitted, landmarks)] = np.inf
     label = fitted.label[landmarks]
     distance[~same_label(label, label)] = np.inf

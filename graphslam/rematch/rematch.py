@@ -20,6 +20,7 @@ from graphslam.rematch.rounds import LEAST_GAIN, Minimise, Rematched, rounds
 from graphslam.rematch.shifting import straightened
 from graphslam.rematch.starts import parted
 from graphslam.rematch.submaps import submaps
+from graphslam.rematch.sure import Surety
 from graphslam.rematch.torn import mend, tears
 from graphslam.rematch.window import sliding_window
 from graphslam.smoother.fit import odometry_fit
@@ -52,7 +53,8 @@ def rematch(
     """
     window_m = config.rematching.window_m
     best = settle(problem, config, minimise)
-    apart = parted(problem, window_m, APART * config.rematching.gap_m)
+    surety = None if config.robust_odometry else Surety(problem, config.rematching)
+    apart = parted(problem, window_m, APART * config.rematching.gap_m, surety)
     if len(apart.kinds) > len(problem.kinds):
         again = settle(apart, config, minimise)
         doubted = replace(best, counts={**best.counts, **_doubts(again)})

@@ -7,9 +7,8 @@ import numpy as np
 from graphslam.association import mahalanobis
 from graphslam.geometry import Array, between, rotation, wrap
 from graphslam.line_maps.alignment import Alignment
-from graphslam.measurements import IntArray
+from graphslam.measurements import IntArray, Odometry
 from graphslam.models.odometry import transition
-from graphslam.rematch.fitted import Fitted
 
 
 class Spread:
@@ -21,9 +20,8 @@ class Spread:
             the floor frame.
     """
 
-    def __init__(self, fitted: Fitted) -> None:
-        odometry = fitted.problem.measurements.odometry
-        self.pose = pose = fitted.problem.pose
+    def __init__(self, pose: Array, odometry: Odometry) -> None:
+        self.pose = pose
         _, Q, _ = transition(pose[:-1], pose[1:], odometry.increment, odometry.cov)
         A = _about(-pose[1:, :2])
         self.total = np.concatenate([np.zeros((1, 3, 3)), np.cumsum(A @ Q @ _T(A), axis=0)])

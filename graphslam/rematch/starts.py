@@ -9,21 +9,25 @@ import numpy as np
 from graphslam.geometry import Array
 from graphslam.rematch.fitted import nodes_of, stretches_by_sighting
 from graphslam.rematch.found import travelled
+from graphslam.rematch.sure import Surety
 from graphslam.smoother.problem import Problem
 
 
-def parted(problem: Problem, window_m: float, gap_m: float = np.inf) -> Problem:
+def parted(
+    problem: Problem, window_m: float, gap_m: float = np.inf, surety: Surety | None = None
+) -> Problem:
     """Returns the problem with every landmark parted where it was left behind.
 
     What was seen before a way of ``window_m`` without the landmark, and what was seen after, become
     two landmarks: no loop is closed any more, rightly or wrongly. So do stretches of it with a gap
     of ``gap_m`` between them, seen one after the other: short lines in a row may be on one line by
-    chance. Known landmarks stay whole.
+    chance. Known landmarks stay whole, and so do those to which odometry alone leads back.
 
     Args:
         problem: path, map and matches.
         window_m: way, m, after which a landmark that was not seen is left behind.
         gap_m: gap between what was seen of a landmark and what is seen next, m.
+        surety: says to which landmarks odometry leads back; None for none.
     """
     way = travelled(problem.pose)[nodes_of(problem)]
     seen = stretches_by_sighting(problem)
@@ -31,7 +35,11 @@ def parted(problem: Problem, window_m: float, gap_m: float = np.inf) -> Problem:
     for landmark in np.flatnonzero(~problem.fixed).tolist():
         own = np.flatnonzero(match == landmark)
         own = own[np.argsort(way[own], kind="stable")]
-        cuts = (np.diff(way[own]) > window_m) | (_gaps(seen[own]) > gap_m)
+        left = np.flatnonzero(np.diff(way[own]) > window_m)
+        if surety is not None:
+            left = left[~surety.of(own[left], own[left + 1])]
+        cuts = _gaps(seen[own]) > gap_m
+        cuts[left] = True
         for visit in np.split(own, 1 + np.flatnonzero(cuts))[1:]:
             match[visit] = len(source)
             source.append(landmark)

@@ -72,6 +72,10 @@ class Problem:
         """Returns the number of parameters of each landmark, fixed ones included."""
         return [MODELS[kind].dim_landmark for kind in self.kinds]
 
+    def of_kind(self, kind: str) -> IntArray:
+        """Returns the landmarks of one kind."""
+        return np.flatnonzero(np.array(self.kinds, dtype=object) == kind)
+
 
 class Minimum(Protocol):
     """Where an engine ended, and how uncertain it is there.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -68,14 +66,12 @@ def pairs_to_compare(stretches: int) -> int:
     )
     cov = np.broadcast_to(0.01 * np.eye(3), (nodes - 1, 3, 3))
     pose = np.column_stack([rng.uniform(0, 20, (nodes, 2)), rng.uniform(-3, 3, nodes)])
-    measurements = SimpleNamespace(odometry=Odometry(increment, cov))
-    fitted = SimpleNamespace(problem=SimpleNamespace(pose=pose, measurements=measurements))
     empty = LineMap.exact(np.zeros((0, 2)), np.zeros((0, 2)))
     maps = tuple(
         Submap(k * each, (k + 1) * each, np.arange(3 * k, 3 * k + 3), empty)
         for k in range(stretches)
     )
-    return len(candidates(maps, Spread(fitted), 12.0, np.inf))
+    return len(candidates(maps, Spread(pose, Odometry(increment, cov)), 12.0, np.inf))
 
 
 def test_the_number_of_comparisons_grows_with_the_way_not_with_its_square() -> None:

@@ -18,6 +18,8 @@ from graphslam.measurements import Measurements
 from graphslam.rematch import rematch
 from graphslam.rematch.rematch import MENDED, MOVED, REVIVED
 from graphslam.rematch.rounds import DROPPED, MERGED, STARTED
+from graphslam.rematch.starts import parted
+from graphslam.rematch.sure import Surety
 from graphslam.rematch.window import sliding_window, way_of
 from graphslam.smoother import smooth, state_problem
 from graphslam.smoother.batch import minimise
@@ -181,3 +183,15 @@ def test_where_a_wheel_slipped_the_path_is_mended() -> None:
     names = measurements.sightings["line"].truth
     assert one_landmark_each(smoothed.match, names)
     assert smoothed.counts[MENDED] == 1
+
+
+@pytest.mark.parametrize(("sigma", "whole"), [(0.0005, True), (0.02, False)])
+def test_a_line_is_parted_only_where_odometry_alone_does_not_lead_back_to_it(
+    sigma: float, whole: bool
+) -> None:
+    measurements, _ = drive(3, nodes=320, odometry_sigma=(sigma, sigma, sigma))
+    problem = state_problem(measurements, run_ekf(measurements, KNOWN).match)
+    surely = parted(problem, 2.0, surety=Surety(problem, AGAIN.rematching))
+    everything = parted(problem, 2.0)
+    assert len(everything.kinds) > len(problem.kinds)
+    assert len(surely.kinds) == len((problem if whole else everything).kinds)

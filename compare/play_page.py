@@ -24,7 +24,7 @@ IMAGE_WIDTH = 560
 """Largest width of an image on the page, pixels."""
 MOST_IMAGES = 600
 """Images on the page; of more, so many evenly spread over the log."""
-SCRIPT = "play.js"
+SCRIPTS = ("drawing.js", "play.js")
 
 
 def write_page(show: Show, out: Path, speed: float = 1.0, progress: Progress | None = None) -> None:
@@ -58,7 +58,7 @@ def write_page(show: Show, out: Path, speed: float = 1.0, progress: Progress | N
     }
     data = json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
     data = data.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
-    script = source(SCRIPT)
+    script = "\n".join(source(name) for name in SCRIPTS)
     left_out = len(show.shots) - len(shots)
     html = template("play.html").render(
         name=show.name,

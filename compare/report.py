@@ -19,7 +19,7 @@ from compare.report_summary import summary
 from compare.results import write_csv
 from graphslam.errors import BadConfig
 
-SCRIPTS = ("pages.js", "replay.js")
+SCRIPTS = ("pages.js", "drawing.js", "replay.js")
 MARK = '<meta name="generator" content="graphslam">'
 
 

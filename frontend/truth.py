@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from frontend.log import Log
+from frontend.log_parts import PoseTrack
 from graphslam.geometry import (
     Array,
     interpolate_poses,
@@ -49,9 +51,7 @@ def true_lines(log: Log, t: Array, z: Array, extent: Array) -> IntArray:
     rows, lines = log.map.of_kind("line")
     if not len(rows):
         return truth
-    first, last = log.truth.t[[0, -1]]
-    inside = np.flatnonzero((t >= first - CLOCK_S) & (t <= last + CLOCK_S))
-    pose = interpolate_poses(t[inside], log.truth.t, log.truth.pose)
+    inside, pose = _reached(log.truth, t)
     middle = np.nan_to_num(extent[inside].mean(axis=1))
     ids = log.map.id[rows]
     size = max(1, BLOCK // len(rows))
@@ -92,23 +92,14 @@ def true_points(log: Log, t: Array, bearing: Array, label: IntArray) -> IntArray
         bearing: (K,) directions, rad, robot frame.
         label: (K,) what the sensor tells points apart by; -1 for nothing.
     """
-    truth = np.full(len(t), -1, np.int64)
-    if log.truth is None or log.landmarks is None:
-        return truth
-    rows, points = log.landmarks.of_kind(BEARING.kind)
-    first, last = log.truth.t[[0, -1]]
-    inside = np.flatnonzero((t >= first - CLOCK_S) & (t <= last + CLOCK_S))
-    if not len(rows) or not len(inside):
-        return truth
-    pose = interpolate_poses(t[inside], log.truth.t, log.truth.pose)
-    e, _, _ = BEARING.residual(pose[:, None], points[:, :2], bearing[inside, None, None])
-    off, own = np.abs(e[..., 0]), label[inside, None]
-    of = log.landmarks.label[rows]
-    off[(own >= 0) & (of >= 0) & (own != of)] = np.inf
-    nearest = off.argmin(axis=1)
-    near = off[np.arange(len(inside)), nearest] <= LARGEST_ASIDE
-    truth[inside] = np.where(near, log.landmarks.id[rows][nearest], -1)
-    return truth
+
+    def off(pose: Array, points: Array, of: IntArray, seen: IntArray) -> Array:
+        e, _, _ = BEARING.residual(pose[:, None], points[:, :2], bearing[seen, None, None])
+        own = label[seen, None]
+        other = (own >= 0) & (of >= 0) & (own != of)
+        return np.where(other, np.inf, np.abs(e[..., 0]))
+
+    return _nearest_known(log, t, BEARING.kind, off, LARGEST_ASIDE)
 
 
 def true_lamps(log: Log, t: Array, z: Array) -> IntArray:
@@ -121,21 +112,50 @@ def true_lamps(log: Log, t: Array, z: Array) -> IntArray:
         t: (K,) times of the sightings, s.
         z: (K, 3) sightings ``(x, y, phi)``, robot frame, m and rad.
     """
+
+    def off(pose: Array, lamps: Array, of: IntArray, seen: IntArray) -> Array:
+        e, _, _ = LAMP.residual(pose[:, None], lamps, z[seen, None])
+        return np.hypot(e[..., 0], e[..., 1])
+
+    return _nearest_known(log, t, LAMP.kind, off, LARGEST_LAMP_OFFSET)
+
+
+def _nearest_known(
+    log: Log,
+    t: Array,
+    kind: str,
+    off: Callable[[Array, Array, IntArray, IntArray], Array],
+    farthest: float,
+) -> IntArray:
+    """Returns (K,) the id of the known landmark that each sighting is nearest to, -1 for none.
+
+    Args:
+        log: with true poses and landmarks; without, nothing is known.
+        t: (K,) times of the sightings, s.
+        kind: of the landmarks.
+        off: returns how far (k, M) sightings are off landmarks, given the true poses (k, 3), the
+            landmarks (M, 3), their labels (M,), and the rows (k,) of the sightings.
+        farthest: that a sighting may be off its landmark.
+    """
     truth = np.full(len(t), -1, np.int64)
     if log.truth is None or log.landmarks is None:
         return truth
-    rows, lamps = log.landmarks.of_kind(LAMP.kind)
-    first, last = log.truth.t[[0, -1]]
-    inside = np.flatnonzero((t >= first - CLOCK_S) & (t <= last + CLOCK_S))
+    rows, params = log.landmarks.of_kind(kind)
+    inside, pose = _reached(log.truth, t)
     if not len(rows) or not len(inside):
         return truth
-    pose = interpolate_poses(t[inside], log.truth.t, log.truth.pose)
-    e, _, _ = LAMP.residual(pose[:, None], lamps, z[inside, None])
-    off = np.hypot(e[..., 0], e[..., 1])
-    nearest = off.argmin(axis=1)
-    near = off[np.arange(len(inside)), nearest] <= LARGEST_LAMP_OFFSET
+    distance = off(pose, params, log.landmarks.label[rows], inside)
+    nearest = distance.argmin(axis=1)
+    near = distance[np.arange(len(inside)), nearest] <= farthest
     truth[inside] = np.where(near, log.landmarks.id[rows][nearest], -1)
     return truth
+
+
+def _reached(truth: PoseTrack, t: Array) -> tuple[IntArray, Array]:
+    """Returns which of the times (K,) the true poses reach (k,), and the poses then (k, 3)."""
+    first, last = truth.t[[0, -1]]
+    inside = np.flatnonzero((t >= first - CLOCK_S) & (t <= last + CLOCK_S))
+    return inside, interpolate_poses(t[inside], truth.t, truth.pose)
 
 
 def _normals(lines: Array) -> Array:

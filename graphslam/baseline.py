@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from graphslam.estimate import Estimate
+from graphslam.estimate import Estimate, Unobserved
 from graphslam.geometry import Array, rotation, wrap
 from graphslam.information import unobserved_directions
 from graphslam.landmarks import empty_map
@@ -49,9 +51,33 @@ def propagate(measurements: Measurements) -> tuple[Array, Array]:
 def dead_reckoning(measurements: Measurements) -> Estimate:
     """Returns the path by odometry alone, with its covariance and no map."""
     pose, cov = propagate(measurements)
+    unobserved = unobserved_directions(np.zeros((2, 2)), cov[-1], cov[-1])
+    return path_alone("odometry", measurements, pose, cov, unobserved=unobserved)
+
+
+def path_alone(
+    method: str,
+    measurements: Measurements,
+    pose: Array,
+    cov: Array,
+    used: Array | None = None,
+    unobserved: tuple[Unobserved, ...] = (),
+    counts: Mapping[str, int] | None = None,
+) -> Estimate:
+    """Returns the estimate of a method that looks back at nothing and maps nothing.
+
+    Args:
+        method: its name.
+        measurements: what it was estimated from.
+        pose: (N, 3) at the nodes, floor frame.
+        cov: (N, 3, 3) their covariances, floor frame.
+        used: (K,) which sightings it rests on; None for none of them.
+        unobserved: directions that they do not fix.
+        counts: what happened to sightings, by name.
+    """
     count = measurements.sighting_count
     return Estimate(
-        method="odometry",
+        method=method,
         causal=True,
         t=measurements.t,
         pose=pose,
@@ -59,8 +85,9 @@ def dead_reckoning(measurements: Measurements) -> Estimate:
         map=empty_map(),
         cov_joint=cov[-1],
         match=np.full(count, -1),
-        used=np.zeros(count, bool),
+        used=np.zeros(count, bool) if used is None else used,
         nis=np.full(count, np.nan),
         weight=np.ones(count),
-        unobserved=unobserved_directions(np.zeros((2, 2)), cov[-1], cov[-1]),
+        unobserved=unobserved,
+        counts=counts or {},
     )

@@ -6,10 +6,10 @@ from collections import Counter
 
 import numpy as np
 
+from graphslam.baseline import path_alone
 from graphslam.errors import BadMeasurements
 from graphslam.estimate import Estimate
 from graphslam.geometry import Array, wrap
-from graphslam.landmarks import empty_map
 from graphslam.measurements import Measurements
 from graphslam.memoryless import onward
 from graphslam.models import MODELS, Model
@@ -39,9 +39,9 @@ def follow_fixes(measurements: Measurements) -> Estimate:
             "fixes needs poses read directly (tags.csv, or images of an overhead camera); add "
             "them, or leave the method out"
         )
-    nodes, count = len(measurements.t), measurements.sighting_count
+    nodes = len(measurements.t)
     starts = [(first, table, table.starts(nodes)) for first, table in tables]
-    used = np.zeros(count, bool)
+    used = np.zeros(measurements.sighting_count, bool)
     pose, cov = np.empty((nodes, 3)), np.empty((nodes, 3, 3))
     last, spread = measurements.start_pose, measurements.start_cov
     counts: Counter[str] = Counter()
@@ -59,20 +59,7 @@ def follow_fixes(measurements: Measurements) -> Estimate:
         else:
             counts[WITHOUT] += 1
         pose[node], cov[node] = last, 0.5 * (spread + spread.T)
-    return Estimate(
-        method="fixes",
-        causal=True,
-        t=measurements.t,
-        pose=pose,
-        cov_floor=cov,
-        map=empty_map(),
-        cov_joint=cov[-1],
-        match=np.full(count, -1),
-        used=used,
-        nis=np.full(count, np.nan),
-        weight=np.ones(count),
-        counts=counts,
-    )
+    return path_alone("fixes", measurements, pose, cov, used=used, counts=counts)
 
 
 def _fused(pose: Array, readings: list[tuple[Model, Array, Array]]) -> tuple[Array, Array]:

@@ -5,74 +5,14 @@
   const data = JSON.parse(find("data").textContent);
   const slider = find("slider"), button = find("button"), speed = find("speed");
   const plan = find("plan"), zoom = find("zoom"), rows = find("methods").tBodies[0];
-  const RAD = Math.PI / 180, END = data.t[data.t.length - 1];
-  const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-  const fixed = (value, digits) => value.toFixed(digits).replace("-", "−");
+  const { RAD, css, fixed, colourOf, context, planOf, scaleBar, curve, robot, ellipse, dot, cross } = drawing;
+  const END = data.t[data.t.length - 1], last = (times, t) => drawing.last(times, t + 1e-9);
   const three = (value) => +value.toPrecision(3);
-  let now = 0, playing = 0;
+  let now = 0;
   const hidden = new Set();
 
-  const colourOf = (track) => {
-    const name = /var\((.*)\)/.exec(track.colour);
-    return name ? css(name[1]) : track.colour;
-  };
-
-  // The last of increasing times that is not after t, or -1.
-  function last(times, t) {
-    let low = 0, high = times.length;
-    while (low < high) {
-      const middle = (low + high) >> 1;
-      if (times[middle] <= t + 1e-9) low = middle + 1; else high = middle;
-    }
-    return low - 1;
-  }
-
-  function context(canvas) {
-    const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
-    canvas.width = Math.round(width * ratio);
-    canvas.height = Math.round(height * ratio);
-    const g = canvas.getContext("2d");
-    g.setTransform(ratio, 0, 0, ratio, 0, 0);
-    g.lineJoin = "round";
-    g.font = "12px system-ui, sans-serif";
-    return [g, width, height];
-  }
-
-  function scaleBar(g, width, height, scale) {
-    const most = 0.3 * width / scale, power = 10 ** Math.floor(Math.log10(most));
-    const length = [5, 2, 1].map((n) => n * power).find((n) => n <= most * 1.0000001) || power;
-    const x = 10, y = height - 10;
-    g.strokeStyle = g.fillStyle = css("--ink");
-    g.lineWidth = 1.5;
-    g.beginPath();
-    g.moveTo(x, y - 4); g.lineTo(x, y); g.lineTo(x + length * scale, y); g.lineTo(x + length * scale, y - 4);
-    g.stroke();
-    g.fillText(length >= 1 ? `${length} m` : `${+(1e3 * length).toPrecision(1)} mm`, x + 4, y - 6);
-  }
-
-  function ellipse(g, u, v, track, node, scale) {
-    g.beginPath();
-    g.ellipse(u, v, Math.max(track.half[0][node] * scale, 0.5), Math.max(track.half[1][node] * scale, 0.5),
-      -track.angle[node] * RAD, 0, 2 * Math.PI);
-    g.stroke();
-  }
-
-  function curve(g, count, at) {
-    g.beginPath();
-    let pen = false;
-    for (let i = 0; i < count; i++) {
-      const point = at(i);
-      if (!point) { pen = false; continue; }
-      if (pen) g.lineTo(...point); else g.moveTo(...point);
-      pen = true;
-    }
-    g.stroke();
-  }
-
   function drawPlan(node) {
-    const [g, width, height] = context(plan), [x0, y0, x1, y1] = data.box;
-    const scale = Math.min((width - 24) / (x1 - x0), (height - 24) / (y1 - y0));
-    const place = (x, y) => [width / 2 + scale * (x - (x0 + x1) / 2), height / 2 - scale * (y - (y0 + y1) / 2)];
+    const [g, width, height] = context(plan), [scale, place] = planOf(data.box, width, height);
     if (data.truth) {
       g.strokeStyle = css("--ink"); g.globalAlpha = 0.25; g.lineWidth = 5;
       curve(g, node + 1, (i) => data.truth[i][0] === null ? null : place(...data.truth[i]));
@@ -96,15 +36,13 @@
       g.fillStyle = colourOf(track);
       for (const i of track.shown) {
         if (i > node) break;
-        const [u, v] = place(track.x[i], track.y[i]);
-        g.beginPath(); g.arc(u, v, 2.2, 0, 2 * Math.PI); g.fill();
+        dot(g, ...place(track.x[i], track.y[i]), 2.2);
       }
     }
     for (const track of paths) {
-      const [u, v] = place(track.x[node], track.y[node]), a = track.theta[node] * RAD;
-      const at = (f, l) => [u + 8 * (f * Math.cos(a) - l * Math.sin(a)), v - 8 * (f * Math.sin(a) + l * Math.cos(a))];
+      const [u, v] = place(track.x[node], track.y[node]);
       g.fillStyle = colourOf(track);
-      g.beginPath(); g.moveTo(...at(1.3, 0)); g.lineTo(...at(-0.8, 0.75)); g.lineTo(...at(-0.8, -0.75)); g.fill();
+      robot(g, u, v, track.theta[node] * RAD, 8);
       g.strokeStyle = css("--ink"); g.lineWidth = 1;
       ellipse(g, u, v, track, node, scale);
     }
@@ -122,14 +60,11 @@
       g.strokeStyle = g.fillStyle = colourOf(track); g.lineWidth = 2;
       const [u, v] = place(track.x[node], track.y[node]);
       ellipse(g, u, v, track, node, scale);
-      g.beginPath(); g.arc(u, v, 2.5, 0, 2 * Math.PI); g.fill();
+      dot(g, u, v, 2.5);
     }
     if (data.truth && data.truth[node][0] !== null) {
-      const [u, v] = place(...data.truth[node]);
       g.strokeStyle = css("--ink"); g.lineWidth = 1.5;
-      g.beginPath();
-      g.moveTo(u - 5, v - 5); g.lineTo(u + 5, v + 5); g.moveTo(u - 5, v + 5); g.lineTo(u + 5, v - 5);
-      g.stroke();
+      cross(g, ...place(...data.truth[node]));
     }
     scaleBar(g, width, height, scale);
   }
@@ -215,25 +150,10 @@
     draw(false);
   }
 
-  function stop() {
-    cancelAnimationFrame(playing);
-    playing = 0;
-    button.textContent = "Play";
-  }
-
-  function play() {
-    if (playing) return stop();
-    if (now >= END) seek(0);
-    button.textContent = "Pause";
-    let before = performance.now();
-    const tick = (time) => {
-      seek(now + Math.max(0, time - before) / 1e3 * +speed.value);
-      before = time;
-      if (now >= END) return stop();
-      playing = requestAnimationFrame(tick);
-    };
-    playing = requestAnimationFrame(tick);
-  }
+  const { play, stop } = drawing.clock(button, "Pause", () => { if (now >= END) seek(0); }, (ms) => {
+    seek(now + ms / 1e3 * +speed.value);
+    return now >= END;
+  });
 
   const moves = {
     ArrowLeft: () => data.t[Math.max(0, last(data.t, now - 1e-6))],
@@ -248,7 +168,6 @@
   });
   slider.max = END;
   slider.addEventListener("input", () => { stop(); seek(+slider.value); });
-  button.addEventListener("click", play);
   new ResizeObserver(() => draw(true)).observe(plan);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => draw(true));
   find("note").hidden = true;

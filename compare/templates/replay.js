@@ -8,86 +8,20 @@
   const slider = find("slider"), choice = find("method"), button = find("play");
   const plan = find("plan"), zoom = find("zoom"), picture = find("picture");
   const SVG = "http://www.w3.org/2000/svg";
-  const RAD = Math.PI / 180;
+  const { RAD, css, fixed, colourOf, context, planOf, scaleBar, curve, robot, ellipse, dot, cross } = drawing;
   const FULL_RUN_MS = 25000;
-  let now = 0, shownFrame = -2, playing = 0;
+  let now = 0, shownFrame = -2, played = 0;
 
-  const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-  const colourOf = (method) => {
-    const name = /var\((.*)\)/.exec(method.colour);
-    return name ? css(name[1]) : method.colour;
-  };
   const method = () => data.methods[choice.value];
-  const fixed = (value, digits) => value.toFixed(digits).replace("-", "−");
+  const frameAt = data.frames.map((frame) => frame.at);
 
-  function context(canvas) {
-    const ratio = window.devicePixelRatio || 1;
-    const width = canvas.clientWidth, height = canvas.clientHeight;
-    canvas.width = Math.round(width * ratio);
-    canvas.height = Math.round(height * ratio);
-    const g = canvas.getContext("2d");
-    g.setTransform(ratio, 0, 0, ratio, 0, 0);
-    g.lineJoin = "round";
-    g.font = "12px system-ui, sans-serif";
-    return [g, width, height];
-  }
-
-  // A length of 1, 2 or 5 times a power of ten, at most `most`.
-  function roundLength(most) {
-    const power = 10 ** Math.floor(Math.log10(most));
-    return [5, 2, 1].map((n) => n * power).find((n) => n <= most * 1.0000001) || power;
-  }
-
-  const metres = (m) => m >= 1 ? `${m} m` : m >= 1e-3 ? `${Math.round(m * 1e3)} mm` : `${+(m * 1e3).toPrecision(1)} mm`;
-
-  function scaleBar(g, width, height, pixelsPerMetre) {
-    const length = roundLength((0.3 * width) / pixelsPerMetre);
-    const x = 10, y = height - 10;
-    g.strokeStyle = g.fillStyle = css("--ink");
-    g.lineWidth = 1.5;
-    g.setLineDash([]);
-    g.beginPath();
-    g.moveTo(x, y - 4); g.lineTo(x, y); g.lineTo(x + length * pixelsPerMetre, y);
-    g.lineTo(x + length * pixelsPerMetre, y - 4);
-    g.stroke();
-    g.fillText(metres(length), x + 4, y - 6);
-  }
-
-  function curve(g, poses, last, place) {
-    g.beginPath();
-    let pen = false;
-    for (let i = 0; i <= last; i++) {
-      if (poses.x[i] === null) { pen = false; continue; }
-      const [u, v] = place(poses.x[i], poses.y[i]);
-      if (pen) g.lineTo(u, v); else g.moveTo(u, v);
-      pen = true;
-    }
-    g.stroke();
-  }
-
-  function robot(g, u, v, theta, size) {
-    const c = Math.cos(theta), s = Math.sin(theta);
-    const at = (a, b) => [u + size * (a * c - b * s), v - size * (a * s + b * c)];
-    g.beginPath();
-    g.moveTo(...at(1.3, 0)); g.lineTo(...at(-0.8, 0.75)); g.lineTo(...at(-0.8, -0.75));
-    g.closePath();
-    g.fill();
-  }
-
-  function ellipse(g, u, v, m, scale) {
-    g.beginPath();
-    const [a, b] = [m.half[0][now], m.half[1][now]];
-    g.ellipse(u, v, Math.max(a * scale, 0.5), Math.max(b * scale, 0.5), -m.angle[now] * RAD, 0, 2 * Math.PI);
-    g.stroke();
-  }
+  const path = (g, poses, place) =>
+    curve(g, now + 1, (i) => poses.x[i] === null ? null : place(poses.x[i], poses.y[i]));
 
   function drawPlan() {
     const [g, width, height] = context(plan);
     if (!width) return;
-    const [x0, y0, x1, y1] = data.box;
-    const scale = Math.min((width - 24) / (x1 - x0), (height - 24) / (y1 - y0));
-    const place = (x, y) => [
-      width / 2 + scale * (x - (x0 + x1) / 2), height / 2 - scale * (y - (y0 + y1) / 2)];
+    const [x0, y0, x1, y1] = data.box, [scale, place] = planOf(data.box, width, height);
     const m = method(), colour = colourOf(m), frame = data.frames[shownFrame];
     const fresh = frame && frame.at === now ? new Set(frame.lines.map((l) => l[4 + +choice.value])) : new Set();
     const reach = Math.hypot(x1 - x0, y1 - y0);
@@ -106,7 +40,7 @@
     g.setLineDash([]);
     if (data.truth) {
       g.lineWidth = 3;
-      curve(g, data.truth, now, place);
+      path(g, data.truth, place);
     }
     g.globalAlpha = 1;
     g.strokeStyle = g.fillStyle = colour;
@@ -125,12 +59,12 @@
     }
     g.globalAlpha = 1;
     g.lineWidth = 1.8;
-    curve(g, m, now, place);
+    path(g, m, place);
     const [u, v] = place(m.x[now], m.y[now]);
     robot(g, u, v, m.theta[now] * RAD, 7);
     g.strokeStyle = css("--ink");
     g.lineWidth = 1.2;
-    ellipse(g, u, v, m, scale);
+    ellipse(g, u, v, m, now, scale);
     scaleBar(g, width, height, scale);
   }
 
@@ -154,17 +88,12 @@
     g.stroke();
     g.strokeStyle = g.fillStyle = colourOf(m);
     g.lineWidth = 2;
-    ellipse(g, u, v, m, scale);
-    g.beginPath();
-    g.arc(u, v, 2.5, 0, 2 * Math.PI);
-    g.fill();
+    ellipse(g, u, v, m, now, scale);
+    dot(g, u, v, 2.5);
     if (off && away < 6.5 * half) {
       const [tu, tv] = [u + off[0] * scale, v - off[1] * scale];
       g.strokeStyle = g.fillStyle = css("--ink");
-      g.beginPath();
-      g.moveTo(tu - 5, tv - 5); g.lineTo(tu + 5, tv + 5);
-      g.moveTo(tu - 5, tv + 5); g.lineTo(tu + 5, tv - 5);
-      g.stroke();
+      cross(g, tu, tv);
       g.fillText("truth", Math.min(tu + 8, width - 32), Math.max(tv - 6, 12));
     }
     scaleBar(g, width, height, scale);
@@ -224,44 +153,29 @@
   function go(step, redraw) {
     now = Math.max(0, Math.min(data.t.length - 1, step));
     slider.value = now;
-    let frame = -1;
-    for (let i = 0, j = data.frames.length; i < j;) { // the last frame that is not in the future
-      const middle = (i + j) >> 1;
-      if (data.frames[middle].at <= now) { frame = middle; i = middle + 1; } else j = middle;
-    }
+    const frame = drawing.last(frameAt, now);
     if (redraw || frame !== shownFrame) { shownFrame = frame; drawFrame(); }
     drawPlan(); drawZoom(); tell();
   }
 
-  function stop() {
-    cancelAnimationFrame(playing);
-    playing = 0;
-    button.textContent = "Play";
+  function begin() {
+    if (now >= data.t.length - 1) go(0, false);
+    played = data.t[now];
   }
 
-  function play() {
-    if (playing) return stop();
-    button.textContent = "Stop";
-    const last = data.t.length - 1;
-    const from = now >= last ? 0 : now, began = performance.now();
-    const tick = (time) => {
-      const t = data.t[from] + Math.max(0, time - began) / FULL_RUN_MS * data.t[last];
-      let step = now;
-      while (step < last && data.t[step + 1] <= t) step++;
-      if (step !== now) go(step, false);
-      if (step >= last) return stop();
-      playing = requestAnimationFrame(tick);
-    };
-    if (now !== from) go(from, false);
-    playing = requestAnimationFrame(tick);
-  }
+  const { stop } = drawing.clock(button, "Stop", begin, (ms) => {
+    const end = data.t.length - 1;
+    played += ms / FULL_RUN_MS * data.t[end];
+    const step = Math.max(now, drawing.last(data.t, played));
+    if (step !== now) go(step, false);
+    return step >= end;
+  });
 
   data.methods.forEach((m, i) => choice.append(new Option(m.name, i)));
   choice.value = data.methods.length - 1;
   slider.max = data.t.length - 1;
   slider.addEventListener("input", () => { stop(); go(+slider.value, false); });
   choice.addEventListener("change", () => go(now, true));
-  button.addEventListener("click", play);
   for (const link of document.querySelectorAll("a[data-node]"))
     link.addEventListener("click", () => {
       stop();

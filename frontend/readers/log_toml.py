@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from graphslam.errors import BadConfig, BadLog
 from graphslam.models.odometry import DifferentialDrive
 
 FORMAT = "graphslam-log/1"
+
+T = TypeVar("T")
 
 GEOMETRY = ("wheel_radius_left", "wheel_radius_right", "wheel_base")
 LARGEST_START_M = 1e3  # sigma of the start: beyond it double precision loses the lines
@@ -158,18 +160,34 @@ def check_name(name: str | None) -> None:
 
 
 def read_log_toml(path: Path) -> LogTable:
-    """Returns the content of ``log.toml``, its format line checked first.
+    """Returns the content of ``log.toml``.
+
+    Raises:
+        BadLog: the file contradicts the format.
+    """
+    return read_formatted(path, LogTable, FORMAT)
+
+
+def read_formatted(path: Path, kind: type[T], form: str, cure: str = "") -> T:
+    """Returns the content of a TOML file whose first line names its format.
+
+    Args:
+        path: the file.
+        kind: what is in it.
+        form: the format that this version reads.
+        cure: what more to do about another one.
 
     Raises:
         BadLog: the file contradicts the format.
     """
     content = load_toml(path, BadLog)
-    if content.get("format") != FORMAT:
+    if content.get("format") != form:
         found = f"format = {content['format']!r}" if "format" in content else "no format line"
         raise BadLog(
-            f'{path}: {found}; this version reads `format = "{FORMAT}"`, the first line of the file'
+            f'{path}: {found}; this version reads `format = "{form}"`, the first line of the '
+            f"file{cure}"
         )
-    return from_dict(LogTable, content, str(path), BadLog)
+    return from_dict(kind, content, str(path), BadLog)
 
 
 class _Described(Protocol):

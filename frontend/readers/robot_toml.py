@@ -7,9 +7,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from frontend.readers.log_toml import LARGEST_OFFSET_S, RobotTable, StartTable, check_name
-from frontend.strict import from_dict, load_toml
-from graphslam.errors import BadConfig, BadLog
+from frontend.readers.log_toml import (
+    RobotTable,
+    StartTable,
+    TimeTable,
+    check_name,
+    read_formatted,
+)
 
 FORMAT = "graphslam-robot/1"
 
@@ -47,17 +51,11 @@ class FrameTable:
 
 
 @dataclass(frozen=True, slots=True)
-class TimeTable:
+class BagTimeTable(TimeTable):
     """``[time]``."""
 
     stamp: Literal["header", "receive"] = "header"
     """When a message happened: the stamp in its header, or when it was received."""
-    camera_offset: float = 0.0
-    """What to add to the times of the images, s."""
-
-    def __post_init__(self) -> None:
-        if abs(self.camera_offset) > LARGEST_OFFSET_S:
-            raise BadConfig(f"camera_offset = {self.camera_offset}: is no offset in seconds")
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +79,7 @@ class RobotFile:
     topics: TopicTable = field(default_factory=TopicTable)
     joints: JointTable | None = None
     frames: FrameTable = field(default_factory=FrameTable)
-    time: TimeTable = field(default_factory=TimeTable)
+    time: BagTimeTable = field(default_factory=BagTimeTable)
     laser: LaserTable | None = None
     map: str | None = None
     """Path of a map.csv with true or known lines, from the robot file on."""
@@ -91,16 +89,9 @@ class RobotFile:
 
 
 def read_robot_file(path: Path) -> RobotFile:
-    """Returns the content of a robot file, its format line checked first.
+    """Returns the content of a robot file.
 
     Raises:
         BadLog: the file contradicts the format.
     """
-    content = load_toml(path, BadLog)
-    if content.get("format") != FORMAT:
-        found = f"format = {content['format']!r}" if "format" in content else "no format line"
-        raise BadLog(
-            f'{path}: {found}; this version reads `format = "{FORMAT}"`, the first line of the '
-            "file; `graphslam inspect BAG` proposes one"
-        )
-    return from_dict(RobotFile, content, str(path), BadLog)
+    return read_formatted(path, RobotFile, FORMAT, "; `graphslam inspect BAG` proposes one")

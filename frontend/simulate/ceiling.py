@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from frontend.simulate.checks import between, not_negative, positive
+from frontend.simulate.checks import between, imaging, not_negative, positive
 from frontend.simulate.sensors import Matrix
 from graphslam.errors import BadConfig
 from graphslam.geometry import Array
@@ -69,15 +69,11 @@ class UpwardCamera:
     jpeg_quality: int = 90
 
     def __post_init__(self) -> None:
-        for name in ("rate", "exposure_period"):
-            positive(name, getattr(self, name))
-        for name in ("delay", "noise", "blur"):
-            not_negative(name, getattr(self, name))
+        imaging(self)
+        positive("exposure_period", self.exposure_period)
+        not_negative("delay", self.delay)
         between("exposure", self.exposure, 0.0, 0.9)
         between("black_rate", self.black_rate, 0.0, 1.0)
-        between("jpeg_quality", self.jpeg_quality, 0, 100)
-        if any(not 1 <= n <= 10_000 for n in self.image_size):
-            raise BadConfig(f"image_size = {list(self.image_size)}: must be 1 to 10000 pixels")
         if (self.homography is None) == (self.metres_per_pixel is None):
             raise BadConfig("give metres_per_pixel or homography, one of them")
         if self.metres_per_pixel is not None:

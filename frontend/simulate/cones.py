@@ -10,7 +10,7 @@ import numpy as np
 
 from frontend.colour_range import Hsv
 from frontend.omni import Colour, OmniCamera
-from frontend.simulate.checks import between, not_negative, positive
+from frontend.simulate.checks import between, imaging, positive
 from graphslam.errors import BadConfig
 from graphslam.measurements import LandmarkMap
 from graphslam.models.bearing import BEARING
@@ -96,17 +96,13 @@ class OmniSpec:
     miss_rate: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("rate", "mirror_height", "mirror_radius", "sigma_deg"):
+        imaging(self, fewest_px=16)
+        for name in ("mirror_height", "mirror_radius", "sigma_deg"):
             positive(name, getattr(self, name))
         if self.reach is not None:
             positive("reach", self.reach)
-        for name in ("noise", "blur"):
-            not_negative(name, getattr(self, name))
-        between("jpeg_quality", self.jpeg_quality, 0, 100)
         between("oval", self.oval, -0.2, 0.2)
         between("miss_rate", self.miss_rate, 0.0, 1.0)
-        if any(not 16 <= n <= 10_000 for n in self.image_size):
-            raise BadConfig(f"image_size = {list(self.image_size)}: must be 16 to 10000 pixels")
         if not self.mirror_distance > 1.5 * self.mirror_radius:
             raise BadConfig(
                 f"mirror_distance = {self.mirror_distance}: the camera must stand clear of the "

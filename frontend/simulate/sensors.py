@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from frontend.simulate.checks import between, not_negative, positive
+from frontend.simulate.checks import between, imaging, not_negative, positive
 from frontend.simulate.printed_view import PRINTED_IMAGE_SIZE
 from graphslam.errors import BadConfig
 
@@ -50,12 +50,7 @@ class CameraSpec:
     jpeg_quality: int = 90
 
     def __post_init__(self) -> None:
-        positive("rate", self.rate)
-        for name in ("noise", "blur"):
-            not_negative(name, getattr(self, name))
-        between("jpeg_quality", self.jpeg_quality, 0, 100)
-        if any(not 1 <= n <= 10_000 for n in self.image_size):
-            raise BadConfig(f"image_size = {list(self.image_size)}: must be 1 to 10000 pixels")
+        imaging(self)
         self._check_view()
 
     def _check_view(self) -> None:

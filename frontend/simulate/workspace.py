@@ -9,7 +9,7 @@ import numpy as np
 
 from frontend.camera import Camera
 from frontend.overhead import OverheadCamera, TagMount
-from frontend.simulate.checks import between, not_negative, positive
+from frontend.simulate.checks import between, imaging, not_negative, positive
 from graphslam.errors import BadConfig
 
 Row = tuple[float, float, float]
@@ -97,17 +97,14 @@ class OverheadSpec:
     jpeg_quality: int = 92
 
     def __post_init__(self) -> None:
-        positive("rate", self.rate)
-        for name in ("tag_noise", "sigma_px", "body", "noise", "blur"):
+        imaging(self)
+        for name in ("tag_noise", "sigma_px", "body"):
             not_negative(name, getattr(self, name))
         between("miss_rate", self.miss_rate, 0.0, 1.0)
         between("shadow", self.shadow, 0.0, 0.9)
         between("body_grey", self.body_grey, 0.0, 255.0)
-        between("jpeg_quality", self.jpeg_quality, 0, 100)
         for level in (*self.centre_bgr, *self.front_bgr):
             between("centre_bgr or front_bgr", level, 0, 255)
-        if any(not 1 <= n <= 10_000 for n in self.image_size):
-            raise BadConfig(f"image_size = {list(self.image_size)}: must be 1 to 10000 pixels")
         if (self.area is None) == (self.homography is None):
             raise BadConfig("overhead: give area or homography, one of them")
         if self.area is not None and not (

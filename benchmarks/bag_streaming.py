@@ -25,7 +25,7 @@ from frontend.images import decoded
 from frontend.log import Log
 from frontend.log_parts import ImageList, Wheels
 from frontend.write_bag import robot_file_text, write_bag
-from graphslam.models.odometry import DifferentialDrive
+from graphslam.models.wheels import DifferentialDrive
 
 SIZE = (640, 480)
 FRAME_BYTES = SIZE[0] * SIZE[1]

@@ -27,7 +27,7 @@ from frontend.log import Log
 from frontend.simulate import NoiseLevel, Scenario, load_scenario, noisier, simulate_log
 from graphslam.config import EkfConfig, MatchingConfig, SmootherConfig
 from graphslam.measurements import Measurements
-from graphslam.models.odometry import increments_from_wheels
+from graphslam.models.wheels import increments_from_wheels
 
 LEVELS = tuple(map(NoiseLevel.parse, ("1", "2.5:2", "5:3", "7.5:4")))
 METHODS = ("ekf", "ekf-fej", "ekf-robot", "smoother")

@@ -30,7 +30,7 @@ from graphslam.geometry import (
     offset_error,
     wrap,
 )
-from graphslam.models.odometry import DifferentialDrive
+from graphslam.models.wheels import DifferentialDrive
 
 METHODS = ("lsd", "hough-p", "hough")
 SIZES = {"640x480": (640, 480), "160x120": (160, 120)}

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from frontend.cones import detect_bearings
-from frontend.config import OmniConfig
+from frontend.omni_config import OmniConfig
 from frontend.simulate import load_scenario
 from frontend.simulate.cones import cone_landmarks, omni_camera
 from frontend.simulate.mirror import render_around

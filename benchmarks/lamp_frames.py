@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from frontend.config import LampConfig
+from frontend.lamp_config import LampConfig
 from frontend.lamp_pictures import draw_lamps
 from frontend.lamps import DetectedLamps, detect_lamps
 from frontend.overlay import caption, write_picture

@@ -16,8 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from frontend.config import ExtractConfig, LampConfig
+from frontend.config import ExtractConfig
 from frontend.extract import extract
+from frontend.lamp_config import LampConfig
 from frontend.log import Log, open_log
 from frontend.simulate import Scenario, load_scenario, simulate, simulate_log
 from graphslam import run_ekf, smooth

@@ -38,7 +38,7 @@ from graphslam.line_maps.chi2 import MapTest, same_map
 from graphslam.line_maps.line_map import LineMap
 from graphslam.line_maps.merge import merge_line_maps
 from graphslam.measurements import IntArray, Measurements
-from graphslam.models.odometry import DifferentialDrive
+from graphslam.models.wheels import DifferentialDrive
 from graphslam.smoother import smooth
 
 SEEDS = 50

@@ -18,7 +18,7 @@ from frontend.log_parts import Wheels
 from frontend.simulate import load_scenario, simulate_log
 from frontend.simulate.scenario import Motion, Start
 from graphslam.measurements import IntArray, Measurements
-from graphslam.models.odometry import DifferentialDrive
+from graphslam.models.wheels import DifferentialDrive
 
 WRONG_SHARE = 0.07
 """Share of wrong matches, as SantanaSLAM Table 2 has them."""

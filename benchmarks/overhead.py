@@ -22,11 +22,12 @@ import numpy as np
 
 from compare.montecarlo import Value, run_seeded
 from compare.printed.paper import printed_paper
-from frontend.config import ExtractConfig, NoiseConfig, TagConfig
+from frontend.config import ExtractConfig, NoiseConfig
 from frontend.extract import extract
 from frontend.log import Log, open_log
 from frontend.pose_fixes import KIND
 from frontend.simulate import Scenario, load_scenario, simulate, simulate_log
+from frontend.tag_config import TagConfig
 from graphslam import dead_reckoning, run_ekf, smooth
 from graphslam.estimate import Estimate
 from graphslam.fixes import follow_fixes

@@ -89,7 +89,8 @@ def reason_of(error: BaseException) -> str:
 
 
 def _compute(job: Job) -> Done:
-    from compare.run import open_as, run_opened, settings_for
+    from compare.opening import open_as, settings_for
+    from compare.run import run_opened
 
     config = settings_for(job.log, job.config)
     log = open_as(job.log, config)

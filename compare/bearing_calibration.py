@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from frontend.calibrate_bearings import BearingCalibration
-from frontend.config import OmniConfig
 from frontend.log import Log
+from frontend.omni_config import OmniConfig
 from frontend.write_folder import camera_toml, correction_toml
 
 

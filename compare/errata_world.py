@@ -14,11 +14,7 @@ from graphslam.baseline import integrate
 from graphslam.geometry import Array
 from graphslam.measurements import LandmarkMap, Measurements, Odometry, Sightings
 from graphslam.models.line import LINE
-from graphslam.models.odometry import (
-    DifferentialDrive,
-    increments_from_wheels,
-    wheel_increment,
-)
+from graphslam.models.wheels import DifferentialDrive, increments_from_wheels, wheel_increment
 
 SMALLEST_READING = 2.0**-27
 """Wheel angles are read in multiples of this, 7.5e-9 rad; differences of them are exact."""

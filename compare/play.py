@@ -10,11 +10,13 @@ import numpy as np
 
 from compare.config import RunConfig
 from compare.folders import writing
+from compare.known import on_known_map
 from compare.methods import run_methods
-from compare.plots_path import ellipses, stretches
+from compare.opening import open_as
+from compare.plots_plan import stretches
+from compare.plots_points import ellipses
 from compare.plots_style import method_colour
 from compare.replay import sighting_nodes
-from compare.run import on_known_map, open_as
 from compare.truth import truth_of
 from frontend.extract import extract, extraction_warnings
 from frontend.log import Log

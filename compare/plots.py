@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from compare.plots_errors import errors_over_time
 from compare.plots_map import map_errors
-from compare.plots_path import errors_over_time, floor_plan
+from compare.plots_plan import floor_plan
 from compare.plots_sightings import (
     innovations_along_the_way,
     innovations_over_time,

@@ -6,7 +6,6 @@ import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator
 from scipy.stats import chi2
 
-from compare.plots_path import shade_ways
 from compare.plots_style import (
     INK,
     METHOD_DASHES,
@@ -18,6 +17,7 @@ from compare.plots_style import (
     stride,
     to_svg,
 )
+from compare.plots_ways import shade_ways
 from compare.record import Record
 from graphslam.estimate import Estimate
 from graphslam.geometry import TAU, Array

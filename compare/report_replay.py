@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from compare.plots_path import plan_bounds, stretches
+from compare.plots_plan import plan_bounds, stretches
 from compare.plots_points import ELLIPSE_SCALE, ellipses
 from compare.plots_style import method_colour, stride, themed
 from compare.record import Record

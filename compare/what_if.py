@@ -33,9 +33,9 @@ from graphslam.measurements import Measurements, Odometry
 from graphslam.models.line import LINE
 
 if TYPE_CHECKING:
+    from compare.clock import Progress
     from compare.comparison import Comparison
     from compare.config import RunConfig
-    from compare.run import Progress
     from frontend.config import NoiseConfig
     from frontend.log import Log
 
@@ -240,8 +240,9 @@ def what_if_log(
         UnderConstrained: the measurements do not determine every pose and landmark.
     """
     from compare.comparison import compare
+    from compare.known import on_known_map
     from compare.methods import run_methods
-    from compare.run import on_known_map, open_as
+    from compare.opening import open_as
     from frontend.extract import extract
     from frontend.simulate import load_scenario, scenario_names, simulate_log
 

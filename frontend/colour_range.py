@@ -9,15 +9,22 @@ Hsv = tuple[int, int, int]
 LARGEST_HSV = (179, 255, 255)
 
 
-def check_range(low: Hsv, high: Hsv) -> None:
-    """Raises BadConfig unless both are colours, and ``high`` is above ``low`` but for the hue."""
-    for limit in (low, high):
+def check_range(low: Hsv, high: Hsv, called: tuple[str, str] = ("low", "high")) -> None:
+    """Raises BadConfig unless both are colours, and ``high`` is above ``low`` but for the hue.
+
+    Args:
+        low: smallest hue, saturation and value.
+        high: the largest.
+        called: what messages call the two.
+    """
+    for name, limit in zip(called, (low, high), strict=True):
         if any(not 0 <= v <= most for v, most in zip(limit, LARGEST_HSV, strict=True)):
             raise BadConfig(
-                f"low or high = {list(limit)}: hue is 0 to 179 (two degrees each), saturation "
-                "and value are 0 to 255"
+                f"{name} = {list(limit)}: hue is 0 to 179 (two degrees each), saturation and "
+                "value are 0 to 255"
             )
     if low[1] > high[1] or low[2] > high[2]:
         raise BadConfig(
-            f"low = {list(low)}: saturation or value is above that of high; exchange them"
+            f"{called[0]} = {list(low)}: saturation or value is above that of {called[1]}; "
+            "exchange them"
         )

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.colours import blob_pixels, centroid_sigma, cleaned, colour_mask, to_hsv
-from frontend.config import OmniConfig
 from frontend.omni import OmniCamera
+from frontend.omni_config import OmniConfig
 from graphslam.geometry import Array, wrap
 from graphslam.measurements import IntArray
 

@@ -6,13 +6,14 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal, get_args
 
+from frontend.lamp_config import LampConfig
+from frontend.omni_config import OmniConfig
+from frontend.tag_config import SigmaLaw, TagConfig
 from frontend.wall_config import WallConfig
 from graphslam.errors import BadConfig
 
 Method = Literal["lsd", "hough-p", "hough"]
 Polarity = Literal["dark", "bright", "both"]
-SigmaLaw = Literal["measured", "paper"]
-Hsv = tuple[int, int, int]
 Binarise = Literal["canny", "global"]
 
 CHOICES: dict[str, tuple[str, ...]] = {
@@ -116,171 +117,6 @@ class DetectorConfig:
             may_be_zero = f.name in MAY_BE_ZERO
             if not (math.isfinite(value) and (value > 0 or (may_be_zero and value == 0))):
                 raise BadConfig(f"{f.name} = {value}: must be finite and positive")
-
-
-@dataclass(frozen=True, slots=True)
-class OmniConfig:
-    """Directions of coloured landmarks in images of an omnidirectional camera."""
-
-    open_px: int = 3
-    """Specks of colour narrower than this are removed, pixels; 0 and 1 remove none."""
-    close_px: int = 3
-    """Holes and gaps in a colour narrower than this are closed, pixels; 0 and 1 close none."""
-    min_area_px: int = 6
-    """Smallest blob that counts, pixels, its base left out."""
-    base_share: float = 0.6
-    """Share of a blob, from its end nearest to the mirror's centre, that is left out: the base of a
-    cone is square, and moves the centroid as the robot goes around it. 0 where bases are covered,
-    or there are none."""
-    widest_deg: float = 60.0
-    """Widest blob that counts, degrees around the mirror's centre."""
-    centre_px: float = 0.1
-    """Standard deviation of the mirror's centre, pixels; near landmarks feel it most."""
-    deformation_deg: float = 0.05
-    """Standard deviation of what lens and mirror do to a direction after calibration, degrees."""
-
-    def __post_init__(self) -> None:
-        for name in ("open_px", "close_px", "centre_px", "deformation_deg"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise BadConfig(f"{name} = {getattr(self, name)}: must be finite and not negative")
-        if self.min_area_px < 1:
-            raise BadConfig(f"min_area_px = {self.min_area_px}: must be 1 or more")
-        if not 0 <= self.base_share < 1:
-            raise BadConfig(f"base_share = {self.base_share}: must be from 0 to below 1")
-        if not 0 < self.widest_deg <= 180:
-            raise BadConfig(f"widest_deg = {self.widest_deg}: must be above 0 and at most 180")
-
-
-@dataclass(frozen=True, slots=True)
-class LampConfig:
-    """The detector of ceiling lamps, in the images of cameras with looks_at = "ceiling"."""
-
-    size_m: tuple[float, float] | None = None
-    """Length and width of a lamp, m, in the plane of the lamps. With it lamps that the border of
-    the image cuts are completed from their edges, and what is much smaller or larger than a lamp
-    is none; absent: cut lamps are left out."""
-    area_m2: tuple[float, float] = (0.02, 1.5)
-    """Smallest and largest area of a lamp, m^2, where its size is not given."""
-    least_share: float = 0.6
-    """Smallest area of a bright spot, as a share of a lamp's, that counts as a whole lamp; the
-    inverse is the largest. Needs size_m."""
-    least_visible: float = 0.67
-    """Share of a cut lamp that must be visible to complete it (Bellini: 4000 of 6000 pixels)."""
-    least_elongation: float = 1.4
-    """Shortest lamp, as its length over its width, whose axis is taken."""
-    least_fill: float = 0.75
-    """Smallest share of its own rectangle that a lamp fills; below it, it is no lamp."""
-    contrast_grey: float = 30.0
-    """An image whose brightest spot is less than this above the ceiling, grey levels, is black: no
-    lamp is in view."""
-    threshold: float = 0.5
-    """Where between ceiling (0) and brightest spot (1) of an image the border of a lamp is; so it
-    follows exposure."""
-    clean_px: int = 1
-    """Radius of erosion and dilation, pixels: what is narrower than twice this goes (fringes,
-    grids), gaps narrower than that close; 0 leaves all as it is."""
-    edge_px: float = 0.15
-    """Standard deviation of where a whole edge of a lamp appears, pixels (blur, fringes)."""
-    calibration_px: float = 0.1
-    """Standard deviation of the calibration, pixels: how far off homography and lens put a spot."""
-    cut_end_m: float = 0.01
-    """Standard deviation of the one visible end of a cut lamp, along the lamp, m: a reflection may
-    be taken for it."""
-    timing_s: float = 0.005
-    """Standard deviation of when within its exposure an image was taken, s: noise that grows with
-    the robot's speed, as Bellini's does."""
-    coarsest_pixel_m: float = 0.05
-    """Pixels that cover more of the ceiling than this are ignored, m."""
-
-    def __post_init__(self) -> None:
-        pairs = {"size_m": self.size_m and self.size_m[::-1], "area_m2": self.area_m2}
-        for name, pair in pairs.items():
-            if pair is not None and not 0 < pair[0] <= pair[1] < math.inf:
-                raise BadConfig(
-                    f"lamps.{name} = {getattr(self, name)}: needs two positive numbers, "
-                    + ("the length first" if name == "size_m" else "the smaller one first")
-                )
-        for name in ("least_share", "least_visible", "least_fill", "threshold"):
-            if not 0 < getattr(self, name) < 1:
-                raise BadConfig(f"lamps.{name} = {getattr(self, name)}: must be between 0 and 1")
-        for name in ("contrast_grey", "edge_px", "coarsest_pixel_m"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise BadConfig(f"lamps.{name} = {getattr(self, name)}: must be positive")
-        for name in ("calibration_px", "cut_end_m", "timing_s"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise BadConfig(f"lamps.{name} = {getattr(self, name)}: must be 0 or more")
-        if not 0 <= self.clean_px <= 50:
-            raise BadConfig(f"lamps.clean_px = {self.clean_px}: must be from 0 to 50")
-        if not self.least_elongation >= 1:
-            raise BadConfig(f"lamps.least_elongation = {self.least_elongation}: must be 1 or more")
-
-
-@dataclass(frozen=True, slots=True)
-class TagConfig:
-    """The coloured tags of a robot in images of an overhead camera."""
-
-    centre_low: Hsv = (100, 90, 30)
-    """Colour of the tag in the robot's centre (blue): smallest hue (0 to 179, two degrees each),
-    saturation and value (0 to 255). A hue above that of the largest goes over the end of the
-    circle, as red does."""
-    centre_high: Hsv = (130, 255, 255)
-    """The largest."""
-    front_low: Hsv = (40, 70, 30)
-    """Colour of the tag at its front (green): smallest hue, saturation and value."""
-    front_high: Hsv = (85, 255, 255)
-    """The largest."""
-    open_px: int = 3
-    """Specks of colour narrower than this are removed, pixels; 0 and 1 remove none."""
-    close_px: int = 3
-    """Holes narrower than this are closed, pixels; 0 and 1 close none."""
-    min_area_px: float = 12.0
-    """Smallest blob that is looked at, pixels."""
-    size_ratio: tuple[float, float] = (0.5, 2.5)
-    """Smallest and largest area of a tag over the stated one; beyond it is partly hidden, or merged
-    with something else. Only where log.toml gives the diameter."""
-    distance_tolerance_m: float = 0.015
-    """Largest difference between the distance of the tags as seen and as log.toml has it, m."""
-    sigma_law: SigmaLaw = "measured"
-    """Noise of a pose. measured: from the noise of pixels, the size of the tags and their distance.
-    paper: Atali's, the same for all."""
-    sigma_px: float = 0.1
-    """Standard deviation of what calibration, lens and light do to the middle of a tag, pixels
-    along u and along v, beside what whole pixels do to its border."""
-    sigma_m: float = 0.002
-    """Standard deviation of where a tag is on the robot, m along x and along y: the robot tilts,
-    the tag comes loose."""
-    paper_sigma_m: float = 0.1
-    """n_m of Atali's R, m."""
-    paper_sigma_deg: float = 2.0
-    """Floor of the angle in Atali's R, degrees; the paper prints 0."""
-    check: bool = True
-    """Leave poses out that odometry contradicts, those of tags.csv too."""
-
-    def __post_init__(self) -> None:
-        for low, high in (("centre_low", "centre_high"), ("front_low", "front_high")):
-            _check_colour(low, getattr(self, low), getattr(self, high))
-        smallest, largest = self.size_ratio
-        if not 0 < smallest < largest < math.inf:
-            raise BadConfig(f"size_ratio = {self.size_ratio}: needs 0 < first < second")
-        if self.sigma_law not in CHOICES["sigma_law"]:
-            raise BadConfig(f"sigma_law = {self.sigma_law!r}: must be measured or paper")
-        for name in ("open_px", "close_px", "sigma_px", "sigma_m"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise BadConfig(f"{name} = {getattr(self, name)}: must be finite, not negative")
-        for name in ("min_area_px", "distance_tolerance_m", "paper_sigma_m", "paper_sigma_deg"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise BadConfig(f"{name} = {getattr(self, name)}: must be finite and positive")
-
-
-def _check_colour(name: str, low: Hsv, high: Hsv) -> None:
-    most = (179, 255, 255)
-    if any(not 0 <= v <= m for limit in (low, high) for v, m in zip(limit, most, strict=True)):
-        raise BadConfig(
-            f"{name} = {list(low)} or its high limit {list(high)}: hue is 0 to 179 (two degrees "
-            "each), saturation and value are 0 to 255"
-        )
-    if low[1] > high[1] or low[2] > high[2]:
-        raise BadConfig(f"{name} = {list(low)}: saturation or value is above the high limit's")
 
 
 @dataclass(frozen=True, slots=True)

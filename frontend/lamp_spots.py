@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.config import LampConfig
+from frontend.lamp_config import LampConfig
 from graphslam.geometry import Array
 
 Mask = NDArray[np.bool_]

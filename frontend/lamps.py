@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from frontend.config import LampConfig
+from frontend.lamp_config import LampConfig
 from frontend.lamp_shape import Completed, Moments, complete, moments
 from frontend.lamp_spots import FINER, Spot, levels, spots
 from frontend.sight import region_of

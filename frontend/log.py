@@ -27,7 +27,7 @@ from frontend.recorded import ScanList
 from graphslam.errors import BadLog
 from graphslam.geometry import Array
 from graphslam.measurements import IntArray, LandmarkMap
-from graphslam.models.odometry import DifferentialDrive
+from graphslam.models.wheels import DifferentialDrive
 
 Progress = Callable[[int, int], None]
 """Called with (bytes read, bytes in all) while a recording is opened."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from frontend.log import Log
 from graphslam.geometry import Array, between, transform_points
-from graphslam.models.odometry import wheel_increment
+from graphslam.models.wheels import wheel_increment
 
 MOVING_MPS = 0.01  # slower than this counts as standing
 TURN_STEP_S = 0.5  # turns are added up over steps of this

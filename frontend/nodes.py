@@ -11,12 +11,8 @@ from frontend.log import UNKNOWN_WHEELS, Log
 from graphslam.errors import BadConfig, BadLog
 from graphslam.geometry import Array
 from graphslam.measurements import Odometry
-from graphslam.models.odometry import (
-    DifferentialDrive,
-    increments_from_poses,
-    increments_from_wheels,
-    process_covariance,
-)
+from graphslam.models.odometry import process_covariance
+from graphslam.models.wheels import DifferentialDrive, increments_from_poses, increments_from_wheels
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.colours import Blobs, cleaned, colour_mask, find_blobs, to_hsv
-from frontend.config import TagConfig
 from frontend.overhead import (
     AMBIGUOUS,
     APART,
@@ -21,6 +20,7 @@ from frontend.overhead import (
     OverheadCamera,
     pose_of_tags,
 )
+from frontend.tag_config import TagConfig
 from graphslam.geometry import Array
 
 

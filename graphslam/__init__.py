@@ -13,7 +13,7 @@ _HOME = {
     "BadConfig": "graphslam.errors",
     "BadLog": "graphslam.errors",
     "BadMeasurements": "graphslam.errors",
-    "DifferentialDrive": "graphslam.models.odometry",
+    "DifferentialDrive": "graphslam.models.wheels",
     "EkfConfig": "graphslam.config",
     "Estimate": "graphslam.estimate",
     "GraphSlamError": "graphslam.errors",

@@ -122,7 +122,7 @@ class Calibrate:
     def _noise(self) -> int:
         from compare.calibration import calibrate_noise, noise_toml, print_noise
         from compare.console import Progress
-        from compare.run import open_as
+        from compare.opening import open_as
 
         assert self.log is not None, "checked before"
         config = self._config()
@@ -136,7 +136,7 @@ class Calibrate:
 
     def _time_offset(self) -> int:
         from compare.console import Progress
-        from compare.run import open_as
+        from compare.opening import open_as
         from compare.time_offset import estimate_time_offset, offset_toml, print_offset
 
         assert self.log is not None, "checked before"
@@ -153,7 +153,7 @@ class Calibrate:
     def _bearings(self) -> int:
         from compare.bearing_calibration import bearing_toml, print_bearings
         from compare.console import Progress
-        from compare.run import open_as
+        from compare.opening import open_as
         from frontend.calibrate_bearings import calibrate_bearings
 
         assert self.log is not None, "checked before"

@@ -58,7 +58,7 @@ class Export:
         from compare.config import RunConfig
         from compare.console import Progress
         from compare.interchange.recording import export_recording
-        from compare.run import open_as
+        from compare.opening import open_as
         from frontend.config import ExtractConfig
 
         with Progress() as progress:

@@ -66,7 +66,7 @@ class Inspect:
         if (self.log / "log.toml").exists() or not is_bag(self.log):
             return open_log(self.log, self.robot), None
         from compare.inspection import write_proposal
-        from compare.run import reading
+        from compare.opening import reading
         from compare.survey import ROBOT_FILE, print_survey
         from frontend.readers.bag import bag_name, open_collected, open_content, robot_of
         from frontend.survey import survey

@@ -57,10 +57,10 @@ class Places:
     def _locate(self, path: Path) -> int:
         from compare.config import RunConfig
         from compare.console import Progress
+        from compare.opening import open_as
         from compare.places.building import read_building
         from compare.places.start import find_start
         from compare.places.text import print_answer
-        from compare.run import open_as
         from frontend.extract import extract
 
         with Progress() as progress:

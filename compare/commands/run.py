@@ -48,7 +48,8 @@ class Run:
             print("graphslam: error: run needs a log; see graphslam run --help", file=sys.stderr)
             return USAGE
         from compare.console import Progress, print_result
-        from compare.run import run_log, run_logs
+        from compare.run import run_log
+        from compare.run_many import run_logs
 
         with Progress() as progress:
             if len(self.logs) == 1:

@@ -24,7 +24,7 @@ from frontend.recorded import ScanList
 from graphslam.errors import BadConfig, BadLog
 from graphslam.geometry import wrap
 from graphslam.measurements import LandmarkMap
-from graphslam.models.odometry import DifferentialDrive
+from graphslam.models.wheels import DifferentialDrive
 
 NO_ROBOT = "without a robot file"
 

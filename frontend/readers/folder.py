@@ -18,7 +18,7 @@ from frontend.readers.log_toml import LogTable, RobotTable, every_camera, read_l
 from frontend.readers.scans_npz import read_scans
 from frontend.readers.video import VideoImage, read_video
 from graphslam.errors import BadConfig, BadLog
-from graphslam.models.odometry import DifferentialDrive
+from graphslam.models.wheels import DifferentialDrive
 
 T = TypeVar("T")
 

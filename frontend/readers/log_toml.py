@@ -18,7 +18,7 @@ from frontend.readers.omni_toml import OmniTable
 from frontend.readers.overhead_toml import OverheadTable
 from frontend.strict import from_dict, load_toml, nearest
 from graphslam.errors import BadConfig, BadLog
-from graphslam.models.odometry import DifferentialDrive
+from graphslam.models.wheels import DifferentialDrive
 
 FORMAT = "graphslam-log/1"
 

@@ -12,7 +12,7 @@ from frontend.simulate.scenario import Motion, Scenario
 from frontend.write_folder import TIME_DECIMALS
 from graphslam.errors import BadConfig
 from graphslam.geometry import Array, compose
-from graphslam.models.odometry import DifferentialDrive, wheel_increment
+from graphslam.models.wheels import DifferentialDrive, wheel_increment
 
 MOST_READINGS = 5e7
 """Encoder readings above which a scenario is refused: their arrays take gigabytes."""

@@ -16,7 +16,7 @@ from frontend.simulate.floor import FloorLine, Groove, Light, LineGrid, Mess, Su
 from frontend.simulate.sensors import CameraSpec, Encoder, SightingSpec
 from frontend.simulate.workspace import OverheadSpec
 from graphslam.errors import BadConfig
-from graphslam.models.odometry import DifferentialDrive
+from graphslam.models.wheels import DifferentialDrive
 
 ESTIMATORS_FLOOR = DifferentialDrive(1.0, 1.0, 1.0).floor
 

@@ -14,7 +14,7 @@ from graphslam.geometry import Array, rotate_covariance
 from graphslam.geometry import rotation as rotation_by
 from graphslam.measurements import Measurements
 from graphslam.models.line import LINE
-from graphslam.models.odometry import DifferentialDrive, increments_from_wheels, wheel_increment
+from graphslam.models.wheels import DifferentialDrive, increments_from_wheels, wheel_increment
 
 STRAIGHT = 1e-6
 """Wheels whose rotations differ by less count as turning alike, rad."""

@@ -10,7 +10,7 @@ from typing import Literal
 
 from graphslam.ekf import Filter
 from graphslam.measurements import Measurements
-from graphslam.models.odometry import DifferentialDrive
+from graphslam.models.wheels import DifferentialDrive
 from graphslam.printed import filters, noise
 
 Change = Callable[[Measurements, DifferentialDrive], Measurements]

@@ -10,7 +10,7 @@ from graphslam.ekf import Filter
 from graphslam.errors import BadConfig
 from graphslam.estimate import Estimate
 from graphslam.measurements import Measurements
-from graphslam.models.odometry import DifferentialDrive
+from graphslam.models.wheels import DifferentialDrive
 from graphslam.printed.registry import ERRATA
 
 

@@ -21,7 +21,7 @@ from graphslam.geometry import (
 from graphslam.landmarks import finish_map
 from graphslam.measurements import LandmarkMap, Measurements
 from graphslam.models.line import LINE
-from graphslam.models.odometry import DifferentialDrive
+from graphslam.models.wheels import DifferentialDrive
 
 
 def true_map(lines: np.ndarray, extent: np.ndarray | None = None) -> LandmarkMap:

@@ -14,7 +14,7 @@ from compare.errata_world import draw_run, errata_scenario
 from compare.metrics import mean_nees
 from graphslam.baseline import dead_reckoning
 from graphslam.geometry import wrap
-from graphslam.models.odometry import wheel_increment
+from graphslam.models.wheels import wheel_increment
 from graphslam.printed import ERRATA
 
 NAMES = ("loc-29-heading", "slam-27-landmark", "slam-3.3-names")

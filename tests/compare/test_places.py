@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from compare.cli import main
+from compare.known import on_building
 from compare.places.building import Building, Place, read_building
 from compare.places.route import plan_route
 from compare.places.sight import Sight, lamp_records
 from compare.places.start import find_start
 from compare.places.whereabouts import NOWHERE, place_at, visits
-from compare.run import on_building
 from frontend.simulate import load_scenario, simulate, simulate_log, simulate_measurements
 from graphslam import run_ekf
 from graphslam.errors import BadConfig

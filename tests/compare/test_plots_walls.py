@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from compare.config import RunConfig
+from compare.opening import suited
 from compare.plots_walls import wall_parts
-from compare.run import suited
 from compare.verdict_methods import alarms
 from frontend.log import open_log
 from graphslam.baseline import dead_reckoning

@@ -14,7 +14,8 @@ import pytest
 from compare.batch_inputs import find_logs
 from compare.cli import main
 from compare.config import RunConfig
-from compare.run import open_as, run_opened
+from compare.opening import open_as
+from compare.run import run_opened
 from frontend.log import Log, open_log
 from frontend.readers.bag_collect import collect
 from frontend.readers.robot_toml import read_robot_file

@@ -17,7 +17,8 @@ import pytest
 from compare import run as run_module
 from compare.cli import main
 from compare.config import RunConfig
-from compare.run import RunResult, extract_log, run_log, run_logs
+from compare.run import RunResult, extract_log, run_log
+from compare.run_many import run_logs
 from frontend.extract import extract
 from frontend.log import open_log
 from graphslam.errors import BadConfig

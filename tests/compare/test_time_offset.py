@@ -13,7 +13,8 @@ import pytest
 
 from compare.cli import main
 from compare.config import RunConfig
-from compare.run import open_as, run_opened
+from compare.opening import open_as
+from compare.run import run_opened
 from compare.time_offset import estimate_time_offset, velocity_at
 from frontend.log import Log, open_log, with_camera_offset
 from frontend.log_parts import Wheels

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from frontend.cones import AROUND_CENTRE, AT_BORDER, TOO_SMALL, TOO_WIDE, detect_bearings
-from frontend.config import ExtractConfig, OmniConfig
+from frontend.config import ExtractConfig
 from frontend.extract import UNREADABLE_OMNI, extract
 from frontend.log import open_log
 from frontend.omni import BearingCorrection, Colour, OmniCamera
+from frontend.omni_config import OmniConfig
 from frontend.readers.log_toml import LogTable, every_camera
 from frontend.strict import from_dict
 from frontend.write_folder import log_toml

@@ -18,7 +18,7 @@ from frontend.truth import LARGEST_OFFSET, LARGEST_TURN, nearest_line, true_line
 from graphslam.errors import BadConfig, BadLog
 from graphslam.geometry import compose, line_to_robot, twin
 from graphslam.measurements import Measurements
-from graphslam.models.odometry import increments_from_wheels
+from graphslam.models.wheels import increments_from_wheels
 from tests.frontend.small_logs import CAMERA, LOG_TOML, write_log
 
 WITH_CAMERA = LOG_TOML + CAMERA

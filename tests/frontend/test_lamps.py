@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.lamp_frames import CAMERA, CONFIG, STEADY_PX, jumps, read_frames, tracks_of
-from frontend.config import LampConfig
+from frontend.lamp_config import LampConfig
 from frontend.lamp_shape import moments
 from frontend.lamps import (
     BLACK,

@@ -17,7 +17,7 @@ from frontend.log_parts import Wheels
 from frontend.readers import folder, folder_tables
 from frontend.readers.point_tables import LAMP_COV, LAMP_SIGMA
 from graphslam.errors import BadLog
-from graphslam.models.odometry import DifferentialDrive
+from graphslam.models.wheels import DifferentialDrive
 from tests.frontend.small_logs import CAMERA, LOG_TOML, WHEELS, write_log
 
 FORMAT = 'format = "graphslam-log/1"\n'

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from frontend.cones import detect_bearings
-from frontend.config import OmniConfig
+from frontend.omni_config import OmniConfig
 from frontend.simulate.cones import Cone, OmniSpec, cone_landmarks, omni_camera
 from frontend.simulate.mirror import render_around
 from graphslam.errors import BadConfig

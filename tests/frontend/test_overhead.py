@@ -11,7 +11,7 @@ import pytest
 
 from frontend import overhead
 from frontend.camera import Camera
-from frontend.config import ExtractConfig, NoiseConfig, TagConfig
+from frontend.config import ExtractConfig, NoiseConfig
 from frontend.extract import extract, extraction_warnings
 from frontend.inspect import inspect
 from frontend.log import Log, open_log
@@ -20,6 +20,7 @@ from frontend.plausible import BREAKS, CONTRADICTED, TURNED
 from frontend.pose_fixes import KIND
 from frontend.simulate import Scenario, load_scenario, simulate, simulate_log
 from frontend.simulate.workspace import ColouredObject
+from frontend.tag_config import TagConfig
 from frontend.tags import SeenTags, detect_tags, tag_covariance
 from frontend.write_bag import robot_file_text, write_bag
 from graphslam.errors import BadConfig, BadLog

@@ -22,7 +22,7 @@ from frontend.simulate.view import camera_of
 from graphslam.baseline import integrate
 from graphslam.errors import BadConfig
 from graphslam.geometry import Array
-from graphslam.models.odometry import increments_from_wheels, wheel_increment
+from graphslam.models.wheels import increments_from_wheels, wheel_increment
 from tests.frontend.test_simulate import drive_of
 
 FIRST, SECOND = "santana-loc-1", "santana-loc-2"

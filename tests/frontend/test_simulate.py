@@ -42,7 +42,7 @@ from graphslam.geometry import (
     transform_points,
     wrap,
 )
-from graphslam.models.odometry import DifferentialDrive, increments_from_wheels
+from graphslam.models.wheels import DifferentialDrive, increments_from_wheels
 
 EXACT = DifferentialDrive(0.05, 0.04, 0.25, 0.0, 0.0, slip=(0.0, 0.0, 0.0))
 PLAIN_LIGHT = Light((0.0, 0.0), 0.0, 0.0, 1.0, 0.0)

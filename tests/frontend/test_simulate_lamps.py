@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from frontend.config import ExtractConfig, LampConfig
+from frontend.config import ExtractConfig
 from frontend.extract import extract
+from frontend.lamp_config import LampConfig
 from frontend.log import Log, open_log
 from frontend.simulate import Scenario, load_scenario, simulate, simulate_log
 from frontend.simulate.scenario import Motion

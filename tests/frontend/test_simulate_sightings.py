@@ -39,7 +39,7 @@ from graphslam.geometry import (
     wrap,
 )
 from graphslam.measurements import Measurements
-from graphslam.models.odometry import DifferentialDrive
+from graphslam.models.wheels import DifferentialDrive
 
 NOISY = DifferentialDrive(0.05, 0.04, 0.25)
 EXACT = DifferentialDrive(0.05, 0.04, 0.25, 0.0, 0.0, slip=(0.0, 0.0, 0.0))

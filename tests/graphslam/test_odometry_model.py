@@ -5,12 +5,11 @@ import pytest
 
 from graphslam.errors import BadConfig
 from graphslam.geometry import compose
-from graphslam.models.odometry import (
+from graphslam.models.odometry import odometry_residual, transition
+from graphslam.models.wheels import (
     DifferentialDrive,
     increments_from_poses,
     increments_from_wheels,
-    odometry_residual,
-    transition,
     wheel_increment,
 )
 from tests.graphslam.differences import central_differences

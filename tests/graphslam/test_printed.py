@@ -18,12 +18,8 @@ from graphslam.errors import BadConfig, BadMeasurements, UnderConstrained
 from graphslam.geometry import compose, line_to_robot, twin, wrap
 from graphslam.measurements import Measurements, Odometry
 from graphslam.models.line import LINE
-from graphslam.models.odometry import (
-    DifferentialDrive,
-    increments_from_wheels,
-    transition,
-    wheel_increment,
-)
+from graphslam.models.odometry import transition
+from graphslam.models.wheels import DifferentialDrive, increments_from_wheels, wheel_increment
 from graphslam.printed import ERRATA, filters, noise, run_printed
 from tests.graphslam.test_localisation import on_known_map, path_rmse
 from tests.worlds import drive

@@ -1,8 +1,7 @@
-"""Plots of the path: the floor plan, and its errors over time."""
+"""Plot of the floor: paths, lines, points, and where the last pose may be."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -29,14 +28,13 @@ from compare.plots_style import (
     stride,
     to_svg,
 )
+from compare.plots_ways import draw_ways
 from compare.points import point_rows
 from compare.record import Record
-from compare.words import metres
-from graphslam.estimate import Estimate, Unobserved
+from graphslam.estimate import Estimate
 from graphslam.geometry import Array, points_on_line
 
 PLAN_MARGIN = 0.04
-QUANTITIES = (("x", "mm", 1e3), ("y", "mm", 1e3), ("heading", "°", 180.0 / np.pi))
 
 
 def floor_plan(record: Record) -> Plot:
@@ -62,7 +60,7 @@ def floor_plan(record: Record) -> Plot:
         _method(ax, name, estimate, step)
         draw_points(ax, name, estimate)
         _open_directions(ax, name, estimate, 0.09 * span.max())
-    gaps = _draw_ways(ax, record)
+    gaps = draw_ways(ax, record)
     _start(ax, record.measurements.start_pose, 0.035 * span.max())
     legend(made, handlelength=2.2, columnspacing=1.6)
     drawn = "" if step == 1 else f" Every {_ordinal(step)} node is drawn."
@@ -186,149 +184,6 @@ def _open_directions(ax: Axes, name: str, estimate: Estimate, size: float) -> No
             last = estimate.pose[-1, :2]
             arrow = {"arrowstyle": "<->", "color": method_colour(name), "lw": 1.6}
             ax.annotate("", xy=last + reach, xytext=last - reach, arrowprops=arrow, zorder=6)
-
-
-def ways_without_sightings(record: Record) -> list[tuple[str, Unobserved]]:
-    """Returns the ways on which no sighting counts, by the last method that has each."""
-    found: dict[tuple[float, float], tuple[str, Unobserved]] = {}
-    for name, estimate in record.estimates.items():
-        for entry in estimate.unobserved:
-            if entry.stretch is not None:
-                found[entry.stretch.from_s, entry.stretch.to_s] = name, entry
-    return [found[ends] for ends in sorted(found)]
-
-
-def _draw_ways(ax: Axes, record: Record) -> bool:
-    """Draws ways without a sighting into a plan; returns whether there are any."""
-    ways = ways_without_sightings(record)
-    t = record.measurements.t - record.measurements.t[0]
-    for name, entry in ways:
-        assert entry.stretch is not None
-        on = (t >= entry.stretch.from_s) & (t <= entry.stretch.to_s)
-        path = record.estimates[name].pose[on, :2]
-        path = path[:: stride(len(path))]
-        ax.plot(*path.T, color=INK, lw=9.0, alpha=0.16, solid_capstyle="butt", zorder=1)
-        text = f"{metres(entry.stretch.length_m)}, ±{metres(entry.sigma_odometry)}"
-        place = {"textcoords": "offset points", "xytext": (7, 7), "zorder": 7}
-        ax.annotate(text, path[len(path) // 2], color=INK, fontsize="small", **place)
-    return bool(ways)
-
-
-def shade_ways(axes: Iterable[Axes], record: Record) -> str:
-    """Shades the times without a sighting that counts; returns what a caption says of it."""
-    ways = [entry.stretch for _, entry in ways_without_sightings(record)]
-    for ax in axes:
-        for way in ways:
-            assert way is not None
-            ax.axvspan(way.from_s, way.to_s, color=INK, alpha=0.09, lw=0, zorder=0)
-    return " Grey: no sighting counted; the position is odometry's there." if ways else ""
-
-
-def errors_over_time(record: Record) -> Plot:
-    """Returns errors of x, y and heading with bands of 3 sigma; without truth the sigmas alone."""
-    if record.has_true_pose:
-        return _errors(record)
-    return _sigmas(record)
-
-
-def _errors(record: Record) -> Plot:
-    estimates = record.estimates
-    made, grid = figure(5.4, 3, len(estimates), sharex=True)
-    step = stride(len(record.measurements.t))
-    t = record.measurements.t[::step]
-    t = t - t[0]
-    limits = _error_limits(record)
-    for column, (name, estimate) in enumerate(estimates.items()):
-        colour = method_colour(name)
-        error = record.pose_error(name)[::step]
-        sigma = _sigma(estimate)[::step]
-        for row, (quantity, unit, scale) in enumerate(QUANTITIES):
-            ax = grid[row][column]
-            band = 3.0 * scale * sigma[:, row]
-            ax.fill_between(t, -band, band, color=colour, alpha=0.18, lw=0)
-            ax.plot(t, scale * error[:, row], color=colour, lw=1.1)
-            ax.axhline(0.0, color=INK, lw=0.5, alpha=0.5)
-            limit = limits[name == "odometry"][row]
-            ax.set_ylim(-limit, limit)
-            if column == 0 or (column == 1 and "odometry" in list(estimates)[:1]):
-                ax.set_ylabel(f"{quantity} ({unit})")
-        grid[0][column].set_title(name, loc="left", color=colour, weight="bold")
-        grid[-1][column].set_xlabel("time (s)")
-    shaded = shade_ways([ax for row in grid for ax in row], record)
-    scales = (
-        " Odometry has a scale of its own."
-        if "odometry" in estimates and len(estimates) > 1
-        else ""
-    )
-    return Plot(
-        "errors",
-        "Errors over time",
-        "Estimate minus truth in the floor frame, not aligned: truth is moved so that its first "
-        "pose is the start. x and y in millimetres, heading in degrees. Bands: plus and minus "
-        f"three sigma (99.7 % of a Gaussian). Time from the first node.{scales}{shaded}",
-        to_svg(made, "errors", "Errors of x, y and heading over time"),
-        {"t_s": t, **_columns(record, step, errors=True)},
-    )
-
-
-def _columns(record: Record, step: int, errors: bool) -> dict[str, Columns]:
-    """Returns each method's errors, if wanted, and standard deviations, as columns of a file."""
-    found: dict[str, Columns] = {}
-    for name, estimate in record.estimates.items():
-        parts = {"error": record.pose_error(name)} if errors else {}
-        for what, values in (parts | {"sigma": _sigma(estimate)}).items():
-            for column, (quantity, _, scale) in enumerate(QUANTITIES):
-                unit = "deg" if quantity == "heading" else "mm"
-                found[f"{name}_{what}_{quantity}_{unit}"] = scale * values[::step, column]
-    return found
-
-
-def _error_limits(record: Record) -> dict[bool, list[float]]:
-    """Returns half heights of the axes of x, y and heading, for odometry (True) and the others."""
-    limits: dict[bool, list[float]] = {}
-    for alone in (True, False):
-        reach = [np.full(3, 1e-6)]
-        for name in (n for n in record.estimates if (n == "odometry") == alone):
-            reach.append(np.nanmax(np.abs(record.pose_error(name)), axis=0, initial=0.0))
-            reach.append(3.0 * np.quantile(_sigma(record.estimates[name]), 0.98, axis=0))
-        scales = [scale for _, _, scale in QUANTITIES]
-        limits[alone] = list(1.08 * np.max(reach, axis=0) * scales)
-    return limits
-
-
-def _sigmas(record: Record) -> Plot:
-    made, grid = figure(2.6, 1, 3, sharex=True)
-    step = stride(len(record.measurements.t))
-    t = record.measurements.t[::step]
-    for column, (quantity, unit, scale) in enumerate(QUANTITIES):
-        ax = grid[0][column]
-        for name, estimate in record.estimates.items():
-            sigma = scale * _sigma(estimate)[::step, column]
-            ax.plot(
-                t - t[0],
-                sigma,
-                color=method_colour(name),
-                ls=METHOD_DASHES.get(name, "-"),
-                label=name,
-            )
-        usual = [np.quantile(_sigma(e)[:, column], 0.05) for e in record.estimates.values()]
-        ax.set(xlabel="time (s)", ylabel=f"sigma of {quantity} ({unit})", yscale="log")
-        ax.set_ylim(bottom=0.5 * scale * min(usual))  # the start may be known to the micrometre
-    shaded = shade_ways(grid[0], record)
-    legend(made, *grid[0][0].get_legend_handles_labels())
-    return Plot(
-        "errors",
-        "Uncertainty over time",
-        "The log has no true path, so only what the methods claim: one standard deviation in the "
-        "floor frame, x and y in millimetres, heading in degrees. Time from the first node."
-        f"{shaded}",
-        to_svg(made, "errors", "Standard deviations of x, y and heading over time"),
-        {"t_s": t - t[0], **_columns(record, step, errors=False)},
-    )
-
-
-def _sigma(estimate: Estimate) -> Array:
-    return np.sqrt(np.diagonal(estimate.cov_floor, axis1=1, axis2=2))
 
 
 def _ordinal(number: int) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
 from graphslam.geometry import Array
@@ -93,6 +94,25 @@ class PartlyLinear(Protocol):
 
     @property
     def linear_in(self) -> tuple[int, ...]: ...
+
+
+@runtime_checkable
+class Compiled(Protocol):
+    """A model whose residual is also there compiled, for one sighting at a time.
+
+    Attributes:
+        kernel: ``kernel(x, y, theta, landmark, z, e, J_e_pose, J_e_landmark)`` fills the last three
+            with what `Model.residual` returns for one pose, landmark (l,) and sighting (d,).
+    """
+
+    @property
+    def kind(self) -> str: ...
+    @property
+    def dim_z(self) -> int: ...
+    @property
+    def dim_landmark(self) -> int: ...
+    @property
+    def kernel(self) -> Callable[..., None]: ...
 
 
 @runtime_checkable

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from graphslam.compiled import guvectorize
 from graphslam.geometry import Array, wrap
@@ -49,6 +51,12 @@ def bearing_residual(pose, landmark, z, e, J_e_pose, J_e_landmark):  # type: ign
     J_e_pose[0, 0], J_e_pose[0, 1], J_e_pose[0, 2] = dy * inverse, -dx * inverse, -1.0
 
 
+@njit(cache=True)
+def bearing_kernel(x, y, theta, landmark, z, e, J_e_pose, J_e_landmark):  # type: ignore[no-untyped-def]
+    """Fills `bearing_residual` of one sighting; see `graphslam.models.base.Compiled`."""
+    bearing_residual(np.array((x, y, theta)), landmark, z, e, J_e_pose, J_e_landmark)
+
+
 @dataclass(frozen=True, slots=True)
 class BearingModel:
     """Points seen as directions; see `base.Model` and, for how they start, `base.Delayed`."""
@@ -57,6 +65,11 @@ class BearingModel:
     dim_z: int = 1
     dim_landmark: int = 2
     angular: tuple[bool, ...] = (True,)
+
+    @property
+    def kernel(self) -> Callable[..., None]:
+        """`bearing_kernel`."""
+        return bearing_kernel
 
     def residual(self, pose: Array, landmark: Array, z: Array) -> tuple[Array, Array, Array]:
         """Returns `bearing_residual`."""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from graphslam.compiled import guvectorize
 from graphslam.geometry import Array, compose_jacobians, wrap
@@ -46,6 +48,12 @@ def lamp_residual(pose, landmark, z, e, J_e_pose, J_e_landmark):  # type: ignore
     J_e_landmark[2, 0], J_e_landmark[2, 1], J_e_landmark[2, 2] = 0.0, 0.0, 1.0
 
 
+@njit(cache=True)
+def lamp_kernel(x, y, theta, landmark, z, e, J_e_pose, J_e_landmark):  # type: ignore[no-untyped-def]
+    """Fills `lamp_residual` of one sighting; see `graphslam.models.base.Compiled`."""
+    lamp_residual(np.array((x, y, theta)), landmark, z, e, J_e_pose, J_e_landmark)
+
+
 @dataclass(frozen=True, slots=True)
 class LampModel:
     """Lamps as landmarks; see `base.Model`. A round lamp has an axis of unknown direction: state it
@@ -55,6 +63,11 @@ class LampModel:
     dim_z: int = 3
     dim_landmark: int = 3
     angular: tuple[bool, ...] = (False, False, True)
+
+    @property
+    def kernel(self) -> Callable[..., None]:
+        """`lamp_kernel`."""
+        return lamp_kernel
 
     def residual(self, pose: Array, landmark: Array, z: Array) -> tuple[Array, Array, Array]:
         """Returns `lamp_residual`."""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from graphslam import geometry
 from graphslam.compiled import guvectorize
@@ -48,6 +50,12 @@ def line_residual(pose, landmark, z, e, J_e_pose, J_e_landmark):  # type: ignore
     J_e_landmark[1, 0], J_e_landmark[1, 1] = 0.0, 1.0
 
 
+@njit(cache=True)
+def line_kernel(x, y, theta, landmark, z, e, J_e_pose, J_e_landmark):  # type: ignore[no-untyped-def]
+    """Fills `line_residual` of one sighting; see `graphslam.models.base.Compiled`."""
+    line_residual(np.array((x, y, theta)), landmark, z, e, J_e_pose, J_e_landmark)
+
+
 @dataclass(frozen=True, slots=True)
 class LineModel:
     """Floor lines as landmarks; see `graphslam.models.base.Model`."""
@@ -57,6 +65,11 @@ class LineModel:
     dim_landmark: int = 2
     angular: tuple[bool, ...] = (False, True)
     linear_in: tuple[int, ...] = (0,)
+
+    @property
+    def kernel(self) -> Callable[..., None]:
+        """`line_kernel`."""
+        return line_kernel
 
     def residual(self, pose: Array, landmark: Array, z: Array) -> tuple[Array, Array, Array]:
         """Returns `line_residual`."""

@@ -1,15 +1,17 @@
 """What an update of iSAM2 costs with this project's Python line factors, beside native factors.
 
-Run with ``python benchmarks/incremental.py [LENGTH ...]``. Two iSAM2 take turns, node by node, on
-graphs of one shape: ours with lines by custom factors, the other with points by GTSAM's own
-`BearingRangeFactor2D` and `BetweenFactorPose2`. The same nodes see the same landmarks, start and
-noise are alike, elimination is by QR in both. Figures are medians over the last tenth of the nodes,
-of the update alone (a pose asked for included, the factors made before it), in processor time.
+Run with ``python benchmarks/incremental.py [LENGTH ...] [--seeds 3]``. Two iSAM2 take turns, node
+by node, on graphs of one shape: ours with lines by custom factors, the other with points by GTSAM's
+own `BearingRangeFactor2D` and `BetweenFactorPose2`. The same nodes see the same landmarks, start
+and noise are alike, elimination is by QR in both. Figures are of the last fifth of the nodes of all
+seeds, of the update alone (a pose asked for included, the factors made before it), in processor
+time: medians; the median of the ratio node by node; and the ratio of all updates together. How many
+variables are eliminated again differs from node to node, and says how alike the work was.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 
 import gtsam
@@ -28,7 +30,6 @@ from graphslam.smoother.factors import (
 from graphslam.smoother.problem import Problem
 from graphslam.smoother.updates import Step, Whole
 
-LENGTHS = (1_000, 5_000, 20_000)
 LINES = 200
 RELINEARISE = 0.01
 RANGE_SIGMA, BEARING_SIGMA = 0.005, 0.009
@@ -135,33 +136,77 @@ class Points(Lines):
         return step
 
 
-def measure(nodes: int) -> tuple[float, float, float, float]:
-    """Returns the medians over the last tenth: ms of ours, of native, their ratio, ms to build."""
+def measure(nodes: int, seeds: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns, of the last fifth of the nodes of all seeds, what each took and each did.
+
+    These are seconds (k, 2) of ours and native, variables eliminated again (k, 2), and seconds (k,)
+    to make our factors.
+    """
+    first = nodes - nodes // 5
+    times, work, build = (np.zeros((seeds, nodes, 2)) for _ in range(3))
+    for seed in range(seeds):
+        problem = rooms_problem(nodes, LINES, seed=1 + seed)
+        sides = (Lines(problem), Points(problem))
+        for node in range(nodes):
+            for k in (node % 2, 1 - node % 2):
+                begin = time.process_time()
+                step = sides[k].step(node)
+                ready = time.process_time()
+                result = sides[k].updates.solver.update(step.graph, step.values)
+                sides[k].now(node)
+                times[seed, node, k] = time.process_time() - ready
+                build[seed, node, k] = ready - begin
+                work[seed, node, k] = result.getVariablesReeliminated()
+    last = np.s_[:, first:]
+    return times[last].reshape(-1, 2), work[last].reshape(-1, 2), build[last][..., 0].ravel()
+
+
+def microseconds(nodes: int = 2_000, rounds: int = 30) -> tuple[float, float, float]:
+    """Returns what linearising one factor takes, us: a line's, an odometry's and a native one's."""
     problem = rooms_problem(nodes, LINES)
-    sides = (Lines(problem), Points(problem))
-    times, build = np.empty((nodes, 2)), np.empty(nodes)
-    for node in range(nodes):
-        for k in (node % 2, 1 - node % 2):
+    measurements, table = problem.measurements, problem.measurements.sightings["line"]
+    odometry = measurements.odometry
+    native = gtsam.noiseModel.Diagonal.Sigmas(np.array([BEARING_SIGMA, RANGE_SIGMA]))
+    values = gtsam.Values()
+    for node, (x, y, theta) in enumerate(problem.pose.tolist()):
+        values.insert(pose_key(node), gtsam.Pose2(x, y, theta))
+    for landmark, params in enumerate(problem.params):
+        values.insert(landmark_key(landmark), params)
+    graphs = [gtsam.NonlinearFactorGraph() for _ in range(3)]
+    for row, (node, landmark) in enumerate(zip(table.node, problem.match, strict=True)):
+        graphs[0].push_back(sighting_factor(LINE, table.z[row], table.cov[row], node, landmark))
+        keys = (pose_key(node), landmark_key(landmark))
+        graphs[2].push_back(gtsam.BearingRangeFactor2D(*keys, gtsam.Rot2(0.1), 1.0, native))
+    for node, increment in enumerate(odometry.increment):
+        graphs[1].push_back(odometry_factor(node, increment, odometry.cov[node]))
+    spent = np.empty((rounds, 3))
+    for k in range(rounds):
+        for n, graph in enumerate(graphs):
             begin = time.process_time()
-            step = sides[k].step(node)
-            ready = time.process_time()
-            sides[k].updates.take(step)
-            sides[k].now(node)
-            times[node, k] = time.process_time() - ready
-            if k == 0:
-                build[node] = ready - begin
-    ours, native = times[-nodes // 10 :].T
-    told = (np.median(ours), np.median(native), np.median(ours / native), np.median(build))
-    return 1e3 * told[0], 1e3 * told[1], float(told[2]), 1e3 * told[3]
+            graph.linearize(values)
+            spent[k, n] = (time.process_time() - begin) / graph.size()
+    line, odometer, point = 1e6 * np.median(spent, axis=0)
+    return float(line), float(odometer), float(point)
 
 
 def main() -> None:
-    lengths = [int(word) for word in sys.argv[1:]] or LENGTHS
-    print("| poses | custom lines, ms | native points, ms | ratio | making the factors, ms |")
-    print("|---:|---:|---:|---:|---:|")
-    for nodes in lengths:
-        ours, native, ratio, build = measure(nodes)
-        print(f"| {nodes:,} | {ours:.2f} | {native:.2f} | {ratio:.2f} | {build:.2f} |", flush=True)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("lengths", type=int, nargs="*", default=[1_000, 5_000, 20_000])
+    parser.add_argument("--seeds", type=int, default=3)
+    options = parser.parse_args()
+    line, odometer, point = microseconds()
+    print(f"Linearising a factor, us: {line:.1f} line, {odometer:.1f} odometry, {point:.1f} native")
+    print(
+        "| poses | custom lines, ms | native points, ms | ratio, median | ratio of all together |"
+    )
+    print("|---:|---:|---:|---:|---:|", flush=True)
+    for nodes in options.lengths:
+        times, work, build = measure(nodes, options.seeds)
+        ours, native = 1e3 * np.median(times, axis=0)
+        each, total = np.median(times[:, 0] / times[:, 1]), times[:, 0].sum() / times[:, 1].sum()
+        print(f"| {nodes:,} | {ours:.2f} | {native:.2f} | {each:.2f} | {total:.2f} |", flush=True)
+        again = " and ".join(f"{count:.1f}" for count in work.mean(axis=0))
+        print(f"  eliminated again {again}; factors made in {1e3 * np.median(build):.2f} ms")
 
 
 if __name__ == "__main__":

@@ -70,18 +70,19 @@ def test_what_is_in_very_many_cliques_goes_last_and_is_coupled_to_all_that_saw_i
     seed: int,
 ) -> None:
     rng = np.random.default_rng(seed)
-    start, member, dims = cliques(seed, 60, 400)
+    start, member, dims = cliques(seed, 240, 400)
     seen = [  # three variables, each in some of most cliques
-        np.append(member[a:b], 60 + np.flatnonzero(rng.random(3) < 0.3)) for a, b in pairwise(start)
+        np.append(member[a:b], 240 + np.flatnonzero(rng.random(3) < 0.3))
+        for a, b in pairwise(start)
     ]
     start = np.concatenate([[0], np.cumsum([len(part) for part in seen])])
-    dims, stage = np.append(dims, [2, 2, 3]), rng.integers(0, 1 + seed % 2, 63)
+    dims, stage = np.append(dims, [2, 2, 3]), rng.integers(0, 1 + seed % 2, 243)
     member = np.concatenate(seen)
-    assert np.bincount(member)[60:].min() > DENSE * np.sqrt(400)
-    assert np.bincount(member)[:60].max() <= DENSE * np.sqrt(400)
+    assert np.bincount(member)[240:].min() > DENSE * np.sqrt(400)
+    assert np.bincount(member)[:240].max() <= DENSE * np.sqrt(400)
     groups = minimum_degree(start, member, dims, stage)
-    assert sorted(groups.order.tolist()) == list(range(63))
-    assert groups.order[-3:].tolist() == [60, 61, 62]
+    assert sorted(groups.order.tolist()) == list(range(243))
+    assert groups.order[-3:].tolist() == [240, 241, 242]
     for g, outer in enumerate(coupled_after(start, member, groups)):
         bound = groups.bound[groups.bound_start[g] : groups.bound_start[g + 1]]
         assert set(bound.tolist()) == outer

@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 
 from graphslam.measurements import IntArray
 
-DENSE, DENSE_LEAST = 4.0, 64.0
+DENSE, DENSE_LEAST = 1.0, 16.0
 """A variable is dense in more cliques than the first times the root of their number, at least the
-second: far more than others are in, and so few of them that one front for all costs little.
+second: there are few of them, so that one front for all costs little. At 4 instead of 1, ordering
+200 lines along 200,000 poses takes 0.09 s instead of 0.01 s.
 """
 
 

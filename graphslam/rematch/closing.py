@@ -10,9 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from graphslam.association import gate_for
+from graphslam.association import gate_for, mahalanobis
 from graphslam.config import RematchConfig
-from graphslam.geometry import Array, points_on_line, rotation, transform_points, wrap
+from graphslam.geometry import (
+    Array,
+    compose_jacobians,
+    points_on_line,
+    rotation,
+    transform_points,
+    wrap,
+)
 from graphslam.line_maps.alignment import Alignment, find_alignments
 from graphslam.line_maps.config import AlignmentConfig
 from graphslam.line_maps.votes import Near
@@ -58,6 +65,69 @@ class Closing:
     alignment: Alignment
 
 
+class Compared:
+    """Whether closings say the same.
+
+    They do by the landmarks that they match alike, and by how they lay one stretch of the path on
+    another: as the way between them has it, or not.
+    """
+
+    def __init__(self, maps: tuple[Submap, ...], spread: Spread, gate: float) -> None:
+        self._maps, self._spread, self._gate = maps, spread, gate
+
+    def agree(self, one: list[Closing], other: list[Closing]) -> bool:
+        """Returns whether two groups match landmarks alike, and nothing in them contradicts."""
+        alike = _pairs_of(one) & _pairs_of(other)
+        return len(alike) >= COMMON and not self.contradict(one, other)
+
+    def contradict(self, one: list[Closing], other: list[Closing]) -> bool:
+        """Returns whether a closing of one group cannot be true with one of the other."""
+        return any(self._differ(c, d) for c in one for d in other)
+
+    def _differ(self, one: Closing, other: Closing) -> bool:
+        """Returns whether only one of two closings can be true.
+
+        One landmark in two pairs is a mishap while both lay the path alike: short lines lie near
+        to each other. Several are another place.
+        """
+        alike = len(one.pairs & other.pairs)
+        different = len(_differences(one.pairs, other.pairs))
+        same_maps = (one.a, one.b) == (other.a, other.b)
+        if one is other or not (alike or different or same_maps):
+            return False
+        if different >= COMMON and CLEARLY * different > alike:
+            return True
+        return self._distance(one, other) > self._gate
+
+    def _distance(self, one: Closing, other: Closing) -> float:
+        """Returns the squared Mahalanobis distance between two ways to lay a place on another.
+
+        Where the other's later submap lies in the frame of this one's earlier: by this closing and
+        the way between the later submaps, or by the way between the earlier ones and the other.
+        """
+        first = [m.first for m in self._maps]
+        early, early_cov = self._spread.relative(first[one.a], first[other.a])
+        late, late_cov = self._spread.relative(first[one.b], first[other.b])
+        here, J_here, J_late = compose_jacobians(one.alignment.motion, late)
+        there, J_early, J_there = compose_jacobians(early, other.alignment.motion)
+        cov = J_here @ one.alignment.cov @ J_here.T + J_late @ late_cov @ J_late.T
+        cov += J_early @ early_cov @ J_early.T + J_there @ other.alignment.cov @ J_there.T
+        e = there - here
+        return float(mahalanobis(np.array([e[0], e[1], wrap(e[2])]), cov))
+
+
+def _pairs_of(group: list[Closing]) -> set[tuple[int, int]]:
+    return {pair for closing in group for pair in closing.pairs}
+
+
+def _differences(
+    one: frozenset[tuple[int, int]], other: frozenset[tuple[int, int]]
+) -> set[tuple[int, int]]:
+    """Returns the pairs that match a landmark which the other pairs match with another one."""
+    first, second = dict(other), {b: a for a, b in other}
+    return {(a, b) for a, b in one if first.get(a, b) != b or second.get(b, a) != a}
+
+
 @dataclass(frozen=True, slots=True)
 class Closures:
     """Loops that can be closed, and those that cannot, and why.
@@ -85,28 +155,29 @@ def closures(
         config: the gate within which odometry must agree.
         slips: whether odometry may be wrong altogether.
     """
-    found = list(_closings(fitted, maps, config, slips))
-    groups = _groups(found)
+    spread = Spread(fitted.problem.pose, fitted.problem.measurements.odometry)
+    found = list(_closings(fitted, maps, spread, config, slips))
+    compared = Compared(maps, spread, gate_for(config.gate, DIM))
+    groups = _groups(found, compared)
     strength = [sum(c.score_m for c in group) for group in groups]
     accepted, refused = [], Counter[str]()
     for n in sorted(range(len(groups)), key=lambda n: (-strength[n], n)):
         group = groups[n]
-        rivals = [k for k in range(len(groups)) if k != n and _contradict(group, groups[k])]
         if len(group) < 2:
             continue
-        strongest = max((strength[k] for k in rivals), default=0.0)
+        rivals = [k for k, other in enumerate(groups) if compared.contradict(group, other)]
+        strongest = max((strength[k] for k in rivals if k != n), default=0.0)
         if strength[n] >= CLEARLY * strongest:
-            accepted.append(tuple(sorted(set().union(*(c.pairs for c in group)))))
+            accepted.append(_pairs(group))
         elif strength[n] >= strongest:
             refused[REFUSED + _why(group, found, fitted, maps)] += 1
     return Closures(tuple(accepted), dict(refused))
 
 
 def _closings(
-    fitted: Fitted, maps: tuple[Submap, ...], config: RematchConfig, slips: bool
+    fitted: Fitted, maps: tuple[Submap, ...], spread: Spread, config: RematchConfig, slips: bool
 ) -> Iterator[Closing]:
     """Yields the ways to lay later submaps on earlier ones that odometry allows."""
-    spread = Spread(fitted.problem.pose, fitted.problem.measurements.odometry)
     gate = gate_for(config.gate, DIM)
     for a, b in candidates(maps, spread, config.submap_m, np.inf if slips else math.sqrt(gate)):
         earlier, later = maps[a], maps[b]
@@ -169,34 +240,31 @@ def _joined(a: Submap, b: Submap) -> bool:
     return len(np.intersect1d(a.landmark, b.landmark, assume_unique=True)) >= JOINED
 
 
-def _groups(found: list[Closing]) -> list[list[Closing]]:
+def _groups(found: list[Closing], compared: Compared) -> list[list[Closing]]:
     """Returns closings that agree with each other, best first; each stands in one group."""
     groups: list[list[Closing]] = []
     for closing in sorted(found, key=lambda c: (-c.score_m, c.a, c.b)):
-        home = [g for g in groups if any(_agree(closing, other) for other in g)]
-        home = [g for g in home if not _contradict([closing], g)]
-        if home:
-            home[0].append(closing)
-        else:
-            groups.append([closing])
+        own = [closing]
+        for group in list(groups):
+            if compared.agree(own, group):
+                groups.remove(group)
+                own = group + own
+        groups.append(own)
     return groups
 
 
-def _agree(one: Closing, other: Closing) -> bool:
-    same_maps = one.a == other.a and one.b == other.b
-    return not same_maps and len(one.pairs & other.pairs) >= COMMON
-
-
-def _contradict(one: list[Closing], other: list[Closing]) -> bool:
-    """Returns whether groups match a landmark with different ones, or lay maps differently."""
-    if {(c.a, c.b) for c in one} & {(c.a, c.b) for c in other}:
-        return True
-    first = dict(pair for c in one for pair in c.pairs)
-    second = dict(pair for c in other for pair in c.pairs)
-    if any(second.get(a, b) != b for a, b in first.items()):
-        return True
-    back = {b: a for a, b in first.items()}
-    return any(back.get(b, a) != a for a, b in second.items())
+def _pairs(group: list[Closing]) -> tuple[tuple[int, int], ...]:
+    """Returns the landmarks that are one by a group, each in one pair: those of most score."""
+    votes: dict[tuple[int, int], float] = {}
+    for closing in group:
+        for pair in closing.pairs:
+            votes[pair] = votes.get(pair, 0.0) + closing.score_m
+    first: dict[int, int] = {}
+    second: dict[int, int] = {}
+    for a, b in sorted(votes, key=lambda pair: (-votes[pair], pair)):
+        if a not in first and b not in second:
+            first[a], second[b] = b, a
+    return tuple(sorted(first.items()))
 
 
 def _why(

@@ -18,6 +18,7 @@ from graphslam.rematch.fitted import UNMATCHED, of_landmark_kinds, renumbered
 from graphslam.rematch.objective import slip_price
 from graphslam.rematch.rounds import LEAST_GAIN, Minimise, Rematched, rounds
 from graphslam.rematch.shifting import straightened
+from graphslam.rematch.split import split_at_gaps, split_joins
 from graphslam.rematch.starts import parted
 from graphslam.rematch.submaps import submaps
 from graphslam.rematch.sure import Surety
@@ -63,7 +64,7 @@ def rematch(
         found = sliding_window(problem.measurements, EkfConfig(), window_m)
         afresh = state_problem(problem.measurements, found.match, found)
         best = _better(best, settle(afresh, config, minimise), AFRESH)
-    best = straightened(best, config, minimise)
+    best = straightened(split_at_gaps(best, config, minimise), config, minimise)
     counts = Counter(best.counts) + compared(problem.match, best.fitted.problem.match)
     if not best.settled:
         counts[UNSETTLED] = 1
@@ -134,6 +135,8 @@ def _closed(best: Rematched, config: SmootherConfig, minimise: Minimise) -> Rema
         tried = _joined(problem, [_now(rows, problem.match, pair) for pair in group])
         tried = _robust(tried, config, minimise)
         closed = rounds(tried, config, minimise)
+        later = [np.flatnonzero(rows == b) for _, b in group]
+        closed = split_joins(closed, later, config, minimise)
         if closed.objective < best.objective - LEAST_GAIN:
             counts = Counter(best.counts) + Counter(closed.counts) + Counter({CLOSED: 1})
             best = replace(closed, counts=dict(counts))

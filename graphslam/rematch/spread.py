@@ -29,7 +29,7 @@ class Spread:
     def cov(self, i: IntArray, j: IntArray) -> Array:
         """Returns the covariances (..., 3, 3) of nodes j as seen from nodes i, floor frame."""
         A = _about(self.pose[j, :2])
-        return np.asarray(A @ (self.total[j] - self.total[i]) @ _T(A))
+        return np.asarray(A @ (self.total[np.maximum(i, j)] - self.total[np.minimum(i, j)]) @ _T(A))
 
     def relative(self, i: int, j: int) -> tuple[Array, Array]:
         """Returns the pose (3,) of node j in the frame of node i, and its covariance (3, 3)."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from graphslam.geometry import Array
+from graphslam.measurements import IntArray
 from graphslam.rematch.fitted import nodes_of, stretches_by_sighting
 from graphslam.rematch.found import travelled
 from graphslam.rematch.sure import Surety
@@ -31,18 +33,44 @@ def parted(
     """
     way = travelled(problem.pose)[nodes_of(problem)]
     seen = stretches_by_sighting(problem)
-    match, source = problem.match.copy(), list(range(len(problem.kinds)))
-    for landmark in np.flatnonzero(~problem.fixed).tolist():
-        own = np.flatnonzero(match == landmark)
+    parts = []
+    for own in _sightings_of_each(problem):
         own = own[np.argsort(way[own], kind="stable")]
         left = np.flatnonzero(np.diff(way[own]) > window_m)
         if surety is not None:
             left = left[~surety.of(own[left], own[left + 1])]
         cuts = _gaps(seen[own]) > gap_m
         cuts[left] = True
-        for visit in np.split(own, 1 + np.flatnonzero(cuts))[1:]:
-            match[visit] = len(source)
-            source.append(landmark)
+        parts += np.split(own, 1 + np.flatnonzero(cuts))[1:]
+    return taken_apart(problem, parts)
+
+
+def in_pieces(problem: Problem, gap_m: float) -> Problem:
+    """Returns the problem with every landmark parted at the gaps in what was seen of it.
+
+    Whenever that was: what was seen of one piece, early or late, stays together. Known landmarks
+    stay whole.
+
+    Args:
+        problem: path, map and matches.
+        gap_m: smallest gap along a landmark, m.
+    """
+    seen = stretches_by_sighting(problem)
+    parts = []
+    for own in _sightings_of_each(problem):
+        own = own[np.argsort(seen[own, 0], kind="stable")]  # unknown ones last
+        reached = np.fmax.accumulate(seen[own, 1])
+        cuts = seen[own[1:], 0] - reached[:-1] > gap_m
+        parts += np.split(own, 1 + np.flatnonzero(cuts))[1:]
+    return taken_apart(problem, parts)
+
+
+def taken_apart(problem: Problem, parts: Sequence[IntArray]) -> Problem:
+    """Returns the problem with sets of sightings, each of one landmark, made landmarks of it."""
+    match, count = problem.match.copy(), len(problem.kinds)
+    source = [*range(count), *(int(problem.match[own[0]]) for own in parts)]
+    for number, own in enumerate(parts):
+        match[own] = count + number
     return replace(
         problem,
         match=match,
@@ -50,6 +78,14 @@ def parted(
         fixed=problem.fixed[source],
         params=problem.params[source],
     )
+
+
+def _sightings_of_each(problem: Problem) -> list[IntArray]:
+    """Returns the sightings of each landmark that is not known, in order."""
+    count = len(problem.kinds)
+    order = np.argsort(problem.match, kind="stable")
+    starts = np.searchsorted(problem.match[order], np.arange(count + 1))
+    return [order[starts[m] : starts[m + 1]] for m in np.flatnonzero(~problem.fixed).tolist()]
 
 
 def _gaps(seen: Array) -> Array:

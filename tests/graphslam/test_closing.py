@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from graphslam.baseline import integrate
 from graphslam.config import EkfConfig, SmootherConfig
 from graphslam.ekf import run_ekf
 from graphslam.estimate import Estimate
+from graphslam.line_maps.alignment import Alignment
 from graphslam.line_maps.line_map import LineMap
 from graphslam.measurements import Measurements, Odometry
-from graphslam.rematch.closing import MOST, candidates, shifts_in_words
+from graphslam.rematch.closing import MOST, Closing, Compared, candidates, shifts_in_words
 from graphslam.rematch.rematch import CLOSED, DOUBTED
 from graphslam.rematch.spread import Spread
 from graphslam.rematch.submaps import Submap
@@ -79,3 +81,41 @@ def test_the_number_of_comparisons_grows_with_the_way_not_with_its_square() -> N
     assert few > 10 * 200
     assert many <= MOST * 800
     assert many < 1.2 * 4 * few
+
+
+CLOSE, ELSEWHERE = np.zeros(3), np.array([0.5, 0.0, 0.0])
+
+
+def laid(a: int, b: int, pairs: set[tuple[int, int]], motion: np.ndarray) -> Closing:
+    """Returns a closing of two submaps, sure to a centimetre."""
+    none = np.zeros((0, 2))
+    cov, matches = 1e-4 * np.eye(3), none.astype(int)
+    alignment = Alignment(
+        motion, cov, np.linalg.inv(cov), None, matches, matches, none, 3.0, 0.0, 3.0
+    )
+    return Closing(a, b, frozenset(pairs), 3.0, alignment)
+
+
+@pytest.mark.parametrize(
+    ("pairs", "motion", "agree", "contradict"),
+    [
+        ({(1, 21), (2, 22), (3, 23)}, CLOSE, True, False),
+        ({(1, 21), (2, 22), (3, 24)}, CLOSE, True, False),  # one wrong pair is a mishap
+        ({(1, 22), (2, 23), (4, 24)}, CLOSE, False, True),
+        ({(1, 21), (2, 22), (3, 23)}, ELSEWHERE, False, True),  # walls fit wherever they are laid
+        ({(7, 27), (8, 28), (9, 29)}, ELSEWHERE, False, False),
+    ],
+)
+def test_closings_agree_by_the_lines_they_match_and_by_where_they_lay_the_path(
+    pairs: set[tuple[int, int]], motion: np.ndarray, agree: bool, contradict: bool
+) -> None:
+    step = np.tile([0.1, 0.0, 0.0], (99, 1))
+    odometry = Odometry(step, np.broadcast_to(1e-6 * np.eye(3), (99, 3, 3)))
+    spread = Spread(integrate(np.zeros(3), step), odometry)
+    empty = LineMap.exact(np.zeros((0, 2)), np.zeros((0, 2)))
+    maps = tuple(Submap(n, n + 10, np.arange(3), empty) for n in (0, 10, 80, 90))
+    compared = Compared(maps, spread, 17.0)
+    one = [laid(0, 2, {(1, 21), (2, 22), (3, 23)}, CLOSE)]
+    other = [laid(1, 3, pairs, motion)]
+    assert compared.agree(one, other) == agree
+    assert compared.contradict(one, other) == contradict

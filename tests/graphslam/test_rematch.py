@@ -10,14 +10,16 @@ import pytest
 from frontend.extract import extract
 from frontend.log_parts import Wheels
 from frontend.simulate import load_scenario, simulate_log
-from graphslam.baseline import dead_reckoning
+from graphslam.baseline import dead_reckoning, integrate
 from graphslam.config import EkfConfig, MatchingConfig, SmootherConfig
 from graphslam.ekf import run_ekf
 from graphslam.estimate import Estimate
-from graphslam.measurements import Measurements
+from graphslam.geometry import line_to_robot, position_along
+from graphslam.measurements import Measurements, Odometry, Sightings
 from graphslam.rematch import rematch
 from graphslam.rematch.rematch import MENDED, MOVED, REVIVED
-from graphslam.rematch.rounds import DROPPED, MERGED, STARTED
+from graphslam.rematch.rounds import DROPPED, MERGED, STARTED, rounds
+from graphslam.rematch.split import SPLIT, split_at_gaps
 from graphslam.rematch.starts import parted
 from graphslam.rematch.sure import Surety
 from graphslam.rematch.window import sliding_window, way_of
@@ -195,3 +197,49 @@ def test_a_line_is_parted_only_where_odometry_alone_does_not_lead_back_to_it(
     everything = parted(problem, 2.0)
     assert len(everything.kinds) > len(problem.kinds)
     assert len(surely.kinds) == len((problem if whole else everything).kinds)
+
+
+def two_short_lines_in_a_row(aside: float) -> tuple[Measurements, np.ndarray]:
+    """Returns a drive along two short lines, one after the other, and across long ones.
+
+    The second short line lies ``aside`` beside where the first one points.
+    """
+    rng = np.random.default_rng(0)
+    increments = np.tile([0.1, 0.0, 0.0], (60, 1))
+    truth = integrate(np.zeros(3), increments)
+    lines = np.array([[0.3, np.pi / 2], [0.3 + aside, np.pi / 2], *[[x, 0.0] for x in range(7)]])
+    middle = np.array([[1.0, 0.3], [5.0, 0.3 + aside], *[[x, 0.0] for x in range(7)]])
+    node, identity = np.nonzero(np.abs(truth[:, None, 0] - middle[None, :, 0]) < 0.55)
+    sigma = np.array([0.004, 0.006])
+    z = line_to_robot(lines[identity], truth[node]) + sigma * rng.standard_normal((len(node), 2))
+    ahead = middle[identity] - truth[node, :2]
+    here = position_along(z, ahead)
+    table = Sightings(
+        "line",
+        node,
+        z,
+        np.broadcast_to(np.diag(sigma**2), (len(node), 2, 2)),
+        here[:, None] + [-0.3, 0.3],
+        0.1 * node,
+        np.ones(len(node)),
+        node,
+        identity,
+    )
+    noise = 0.002 * rng.standard_normal(increments.shape)
+    odometry = Odometry(increments + noise, np.broadcast_to(4e-6 * np.eye(3), (60, 3, 3)))
+    start = np.zeros(3), 1e-12 * np.eye(3)
+    return Measurements(0.1 * np.arange(61), *start, odometry, {"line": table}), identity
+
+
+@pytest.mark.parametrize(("aside", "two"), [(0.08, True), (0.0, False)])
+def test_short_lines_in_a_row_are_two_where_what_is_known_by_now_tells_them_apart(
+    aside: float, two: bool
+) -> None:
+    measurements, truth = two_short_lines_in_a_row(aside)
+    joined = np.maximum(truth - 1, 0)  # what one line would fit as well: no sighting is far from it
+    problem = state_problem(measurements, joined)
+    rough = rounds(problem, AGAIN, minimise)
+    split = split_at_gaps(rough, AGAIN, minimise)
+    assert len(rough.fitted.problem.kinds) == 8
+    assert len(split.fitted.problem.kinds) == 8 + two
+    assert split.counts.get(SPLIT, 0) == two

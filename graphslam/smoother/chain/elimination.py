@@ -22,13 +22,14 @@ def eliminate(k, chunks, linear, damping, M, B, P, chain, solved):  # type: igno
     """
     s0, s1, width = chunks.bound[k], chunks.bound[k + 1], chunks.width[k]
     rows, motion = linear.rows, linear.motion
+    row_start, slot = chunks.row_start, chunks.slot
     wide = rows.shape[1] - 1 - POSE
     at_left = POSE if k > 0 else 0
     for i in range(width + wide):
         for j in range(i + 1):
             M[i, j] = 0.0
-    for r in range(chunks.row_start[s0], chunks.row_start[s0 + 1]):
-        _add_kept(M, rows, r, chunks.slot[r], wide, at_left)
+    for r in range(row_start[s0], row_start[s0 + 1]):
+        _add_kept(M, rows, r, slot[r], wide, at_left)
     active = 1 + at_left
     if s1 == s0:
         return False
@@ -38,13 +39,13 @@ def eliminate(k, chunks, linear, damping, M, B, P, chain, solved):  # type: igno
         else:
             for a in range(POSE):
                 P[a, a] += damping
-            active = _solve_pose(i, chunks, linear, active, B, M, P, chain[i], wide)
+            active = _solve_pose(i, row_start, slot, rows, motion, active, B, M, P, chain, wide)
             for a in range(POSE if len(solved) else 0):
                 for j in range(width):
                     solved[i - s0 - 1, a, j] = B[a, j] if j < active else 0.0
-            _pass_on(i, motion, active, M, B, P, chain[i])
-    if s1 == len(chunks.row_start) - 2:
-        _add_rows(s1, chunks, rows, active, M, B, P, wide)
+            _pass_on(i, motion, active, M, B, P, chain)
+    if s1 == len(row_start) - 2:
+        _add_rows(s1, row_start, slot, rows, active, M, B, P, wide)
         for a in range(POSE):
             for j in range(width, width + wide):
                 B[a, j] = 0.0
@@ -95,22 +96,28 @@ def _start_chain(M, B, P, motion, i, at_left, width):  # type: ignore[no-untyped
 
 
 @njit(cache=True)
-def _add_rows(i, chunks, rows, active, M, B, P, wide):  # type: ignore[no-untyped-def]
-    """Adds the rows of pose ``i``; returns how many local scalars are in use."""
-    for r in range(chunks.row_start[i], chunks.row_start[i + 1]):
-        slot = chunks.slot[r]
+def _add_rows(i, row_start, slots, rows, active, M, B, P, wide):  # type: ignore[no-untyped-def]
+    """Adds the rows of pose ``i``; returns how many local scalars are in use.
+
+    Sums are kept in scalars meanwhile: an array might be another one's memory, for all that the
+    compiler knows, and would be written and read back at every row.
+    """
+    p00, p10, p11, p20, p21, p22 = P[0, 0], P[1, 0], P[1, 1], P[2, 0], P[2, 1], P[2, 2]
+    b0, b1, b2, square = B[0, 0], B[1, 0], B[2, 0], M[0, 0]
+    for r in range(row_start[i], row_start[i + 1]):
+        slot = slots[r]
         e, j0, j1, j2 = rows[r, 0], rows[r, 1], rows[r, 2], rows[r, 3]
         active = max(active, slot + wide)
-        M[0, 0] += e * e
-        B[0, 0] += j0 * e
-        B[1, 0] += j1 * e
-        B[2, 0] += j2 * e
-        P[0, 0] += j0 * j0
-        P[1, 0] += j1 * j0
-        P[1, 1] += j1 * j1
-        P[2, 0] += j2 * j0
-        P[2, 1] += j2 * j1
-        P[2, 2] += j2 * j2
+        square += e * e
+        b0 += j0 * e
+        b1 += j1 * e
+        b2 += j2 * e
+        p00 += j0 * j0
+        p10 += j1 * j0
+        p11 += j1 * j1
+        p20 += j2 * j0
+        p21 += j2 * j1
+        p22 += j2 * j2
         for q in range(wide):
             value = rows[r, 4 + q]
             B[0, slot + q] += j0 * value
@@ -119,32 +126,39 @@ def _add_rows(i, chunks, rows, active, M, B, P, wide):  # type: ignore[no-untype
             M[slot + q, 0] += value * e
             for p in range(q + 1):
                 M[slot + q, slot + p] += value * rows[r, 4 + p]
+    P[0, 0], P[1, 0], P[1, 1], P[2, 0], P[2, 1], P[2, 2] = p00, p10, p11, p20, p21, p22
+    B[0, 0], B[1, 0], B[2, 0], M[0, 0] = b0, b1, b2, square
     return active
 
 
 @njit(cache=True)
-def _solve_pose(i, chunks, linear, active, B, M, P, out, wide):  # type: ignore[no-untyped-def]
-    """Factorises pose ``i`` into ``out`` and solves ``B`` for it; returns the scalars in use."""
-    motion = linear.motion
-    active = _add_rows(i, chunks, linear.rows, active, M, B, P, wide)
+def _solve_pose(i, row_start, slots, rows, motion, active, B, M, P, chain, wide):  # type: ignore[no-untyped-def]
+    """Factorises pose ``i`` and solves ``B`` for it; returns the scalars in use."""
+    active = _add_rows(i, row_start, slots, rows, active, M, B, P, wide)
+    out = chain[i]
+    p00, p10, p11, p20, p21, p22 = P[0, 0], P[1, 0], P[1, 1], P[2, 0], P[2, 1], P[2, 2]
+    e0, e1, e2, square = B[0, 0], B[1, 0], B[2, 0], M[0, 0]
     for row in range(POSE):
         e, j0, j1, j2 = motion[i, row, 0], motion[i, row, 1], motion[i, row, 2], motion[i, row, 3]
-        M[0, 0] += e * e
-        B[0, 0] += j0 * e
-        B[1, 0] += j1 * e
-        B[2, 0] += j2 * e
-        P[0, 0] += j0 * j0
-        P[1, 0] += j1 * j0
-        P[1, 1] += j1 * j1
-        P[2, 0] += j2 * j0
-        P[2, 1] += j2 * j1
-        P[2, 2] += j2 * j2
-    l00 = math.sqrt(P[0, 0])
-    l10, l20 = P[1, 0] / l00, P[2, 0] / l00
-    l11 = math.sqrt(P[1, 1] - l10 * l10)
-    l21 = (P[2, 1] - l20 * l10) / l11
-    l22 = math.sqrt(P[2, 2] - l20 * l20 - l21 * l21)
-    r0, r1, r2 = 1.0 / l00, 1.0 / l11, 1.0 / l22
+        square += e * e
+        e0 += j0 * e
+        e1 += j1 * e
+        e2 += j2 * e
+        p00 += j0 * j0
+        p10 += j1 * j0
+        p11 += j1 * j1
+        p20 += j2 * j0
+        p21 += j2 * j1
+        p22 += j2 * j2
+    B[0, 0], B[1, 0], B[2, 0], M[0, 0] = e0, e1, e2, square
+    l00 = math.sqrt(p00)
+    r0 = 1.0 / l00
+    l10, l20 = p10 * r0, p20 * r0
+    l11 = math.sqrt(p11 - l10 * l10)
+    r1 = 1.0 / l11
+    l21 = (p21 - l20 * l10) * r1
+    l22 = math.sqrt(p22 - l20 * l20 - l21 * l21)
+    r2 = 1.0 / l22
     out[0], out[1], out[2], out[3], out[4], out[5] = l00, l10, l11, l20, l21, l22
     for b in range(POSE):  # coupling to the next pose, solved
         o0, o1, o2 = 0.0, 0.0, 0.0
@@ -164,8 +178,9 @@ def _solve_pose(i, chunks, linear, active, B, M, P, out, wide):  # type: ignore[
 
 
 @njit(cache=True)
-def _pass_on(i, motion, active, M, B, P, out):  # type: ignore[no-untyped-def]
+def _pass_on(i, motion, active, M, B, P, chain):  # type: ignore[no-untyped-def]
     """Takes what the elimination of pose ``i`` leaves to ``M`` and to the next pose."""
+    out = chain[i]
     for a in range(active):
         m, x0, x1, x2 = M[a], B[0, a], B[1, a], B[2, a]
         for j in range(a + 1):

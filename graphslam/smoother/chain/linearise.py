@@ -35,12 +35,13 @@ def linearise(residuals: Residuals, pose: Array, params: Array, out: Linear) -> 
         for begin in range(0, len(batch.node), BLOCK):
             part = slice(begin, begin + BLOCK)
             node, landmark = batch.node[part], batch.landmark[part]
+            here = _rows_of(pose, node, POSE)
             own = np.zeros((len(node), 0))
             if batch.model.dim_landmark:
-                own = params[landmark, : batch.model.dim_landmark]
-            e, J_pose, J_other = batch.model.residual(pose[node], own, batch.z[part])
+                own = _rows_of(params, landmark, batch.model.dim_landmark)
+            e, J_pose, J_other = batch.model.residual(here, own, batch.z[part])
             if not batch.free:
-                J_other = J_pose @ carried_poses(pose[node], pose[0])
+                J_other = J_pose @ carried_poses(here, pose[0])
             _whiten(batch.whitener[part], e, J_pose, J_other, batch.row[part], out.rows)
     increment = measurements.odometry.increment
     for begin in range(0, len(increment), BLOCK):
@@ -51,8 +52,18 @@ def linearise(residuals: Residuals, pose: Array, params: Array, out: Linear) -> 
     e, J, _ = POSE_FIX.residual(pose[0], np.zeros(0), measurements.start_pose)
     rows = residuals.start @ np.column_stack([e, J])
     prior = rows.T @ rows
-    total = _squares(out.rows[:, 0]) + _squares(out.motion[:, :, 0].ravel()) + prior[0, 0]
+    total = squares(out.rows[:, 0]) + squares(out.motion[:, :, 0].ravel()) + prior[0, 0]
     return prior, 0.5 * float(total)
+
+
+@njit(cache=True)
+def _rows_of(values, row, wide):  # type: ignore[no-untyped-def]
+    """Returns the first columns of some rows, in less than half the time that NumPy takes."""
+    out = np.empty((len(row), wide))
+    for k in range(len(row)):
+        for a in range(wide):
+            out[k, a] = values[row[k], a]
+    return out
 
 
 @njit(cache=True)
@@ -86,8 +97,12 @@ def _whiten_motion(W, e, J_i, J_j, motion):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _squares(values):  # type: ignore[no-untyped-def]
-    """Returns the sum of squares, compensated: its error does not grow with their number."""
+def squares(values):  # type: ignore[no-untyped-def]
+    """Returns the sum of squares, compensated: its error does not grow with their number.
+
+    Compiled, because NumPy hands long arrays to several threads of BLAS, and these wait for each
+    other: on a busy machine longer than a whole iteration takes.
+    """
     total, lost = 0.0, 0.0
     for value in values:
         term = value * value - lost

@@ -11,7 +11,7 @@ from graphslam.geometry import Array
 from graphslam.measurements import IntArray
 from graphslam.smoother.chain.chunks import POSE, Chunks, Linear, cut, diagonal
 from graphslam.smoother.chain.fronts import factorise, solve, solve_chain
-from graphslam.smoother.chain.linearise import carried_variables, carry, linearise
+from graphslam.smoother.chain.linearise import carried_variables, carry, linearise, squares
 from graphslam.smoother.chain.residuals import FIRST_POSE, Residuals, collect
 from graphslam.smoother.chain.symbolic import Symbolic, analyse
 from graphslam.smoother.problem import NOT_DETERMINED, Problem
@@ -136,8 +136,7 @@ def solution(system: System, pose: Array) -> tuple[Array, Array, float]:
     solve(system.symbolic, system.panel, x)
     at = system.symbolic.var_at
     solve_chain(system.chunks, system.linear, system.chain, x, 1.0, at, step)
-    at_separators = step[system.chunks.bound[1:]]
-    length = float(x @ x + np.vdot(step, step) - np.vdot(at_separators, at_separators))
+    length = float(squares(x) + squares(step.ravel()) - squares(step[system.chunks.bound].ravel()))
     first = x[:POSE]
     carry(pose, first, step)
     change = np.where(system.scalar_of >= 0, x[system.scalar_of], 0.0)

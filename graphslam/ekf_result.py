@@ -44,7 +44,8 @@ class History:
         variances = np.diagonal(state.P).copy()
         kept = np.delete(variances, others) if len(others) else variances
         self._entries.append((roster.free(), kept[3:]))
-        if self._nodes * (state.size - 3) > LARGEST_HISTORY:
+        left = sum(len(params) for params, _ in roster.left.values())
+        if self._nodes * (state.size - 3 + left) > LARGEST_HISTORY:
             self._entries = None
 
     def table(self, roster: Roster, kept: IntArray) -> Array | None:
@@ -61,7 +62,37 @@ class History:
             start = np.repeat(np.cumsum(dims[rows]) - dims[rows], dims[rows])
             column = place + np.arange(len(place)) - start
             entry[column[place >= 0]] = variances[place >= 0]
+        for row, (params, cov) in roster.left.items():
+            own = slice(int(first[row]), int(first[row]) + len(params))
+            since = int(np.max(np.flatnonzero(np.isfinite(out[:, own.start])), initial=-1)) + 1
+            out[since:, own] = np.diag(cov)
         return out
+
+
+def _map(run: Filter, kept: IntArray, dims: list[int]) -> tuple[list[Array], Array]:
+    """Returns parameters and joint covariance, with the last pose, of landmarks ``kept``.
+
+    What was left behind has its own covariance and none with anything else.
+    """
+    state, roster = run.state, run.roster
+    P = state.symmetric()
+    end = np.cumsum([3, *dims])
+    joint = np.zeros((end[-1], end[-1]))
+    params = [run.known[row, :d] for row, d in zip(range(roster.known), dims, strict=False)]
+    inside, outside = [np.arange(3)], [np.arange(3)]
+    for k in range(roster.known, len(kept)):
+        row, own = int(kept[k]), np.arange(end[k], end[k + 1])
+        if row in roster.left:
+            values, cov = roster.left[row]
+            joint[np.ix_(own, own)] = 0.5 * (cov + cov.T)
+        else:
+            inside.append(int(roster.offset[row]) + np.arange(dims[k]))
+            outside.append(own)
+            values = state.mean[inside[-1]]
+        params.append(values)
+    i, o = np.concatenate(inside), np.concatenate(outside)
+    joint[np.ix_(o, o)] = P[np.ix_(i, i)]
+    return params, joint
 
 
 def result(run: Filter, pose: Array, cov: Array) -> Estimate:
@@ -80,10 +111,8 @@ def result(run: Filter, pose: Array, cov: Array) -> Estimate:
     row_of[kept] = np.arange(len(kept))
     match = row_of[run.match]
     gone = (run.match >= 0) & (match < 0)
-    own = zip(roster.offset[kept[roster.known :]], dims[roster.known :], strict=True)
-    given = [row[:d] for row, d in zip(run.known, dims, strict=False)]
-    params = padded([*given, *(run.state.mean[o : o + d] for o, d in own)])
-    joint = run.state.joint(3, sum(dims[: roster.known]))
+    found, joint = _map(run, kept, dims)
+    params = padded(found)
     used, cov = run.used & ~gone, 0.5 * (cov + np.swapaxes(cov, 1, 2))
     ending = end(m, pose, cov, kinds, params, match, used, joint)
     return Estimate(

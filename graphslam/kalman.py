@@ -72,12 +72,9 @@ class JointState:
         """(n, n) covariance; a writable view."""
         return self._P[: self.size, : self.size]
 
-    def joint(self, at: int = 3, fixed: int = 0) -> Array:
-        """Returns P, symmetric, with ``fixed`` rows and columns of zeros put in at place ``at``."""
-        rows = np.concatenate([np.arange(at), np.arange(at, self.size) + fixed])
-        out = np.zeros((self.size + fixed, self.size + fixed))
-        out[np.ix_(rows, rows)] = 0.5 * (self.P + self.P.T)
-        return out
+    def symmetric(self) -> Array:
+        """Returns P (n, n), symmetric to the last bit."""
+        return np.asarray(0.5 * (self.P + self.P.T))
 
     def deviation(self, pose: Array) -> Array:
         """Returns the mean's pose minus ``pose`` (3,), angle wrapped."""

@@ -2,7 +2,7 @@
 
 A landmark is *tentative* until enough nodes have seen it, then *confirmed*; known ones are
 confirmed from the start. One that is removed keeps its row here, so that rows name landmarks for
-the whole run.
+the whole run; so does one that is left behind, with what was known of it then.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from graphslam.kalman import JointState
 from graphslam.measurements import IntArray, LandmarkMap
 from graphslam.models import MODELS
 
-FIXED, GONE = -1, -2
+FIXED, GONE, LEFT = -1, -2, -3
 MOST_TENTATIVE = 50
 """Tentative landmarks that are kept at a time; the one unseen for longest goes first."""
 UNLIKELY_TENTATIVE, UNLIKELY = math.log(1e-2), math.log(1e-6)
@@ -30,7 +30,8 @@ class Roster:
 
     Attributes:
         kinds: name of each landmark's model.
-        offset: (M,) place in the state; `FIXED` for known ones, `GONE` for removed ones.
+        offset: (M,) place in the state; `FIXED` for known ones, `GONE` for removed ones, `LEFT` for
+            those left behind.
         identity: (M,) true identity that each was started with, for judging only.
         label: (M,) what sensors tell it apart by; -1 for none.
         given: (M,) with a given linearisation: row of each in the given map; else -1.
@@ -41,6 +42,7 @@ class Roster:
         missed: (M,) the same since the last that did.
         extent: (M, 2) stretch seen or known, m; NaN where unknown.
         confirmed: (M,) whether it counts.
+        left: by row, parameters (l,) and covariance (l, l) of what was left behind, as known then.
     """
 
     def __init__(self, known: LandmarkMap | None, confirm_after: int) -> None:
@@ -57,6 +59,7 @@ class Roster:
         self.missed = np.zeros(count, np.int64)
         self.extent = np.zeros((0, 2)) if known is None else np.array(known.extent)
         self.confirmed = np.ones(count, bool)
+        self.left: dict[int, tuple[Array, Array]] = {}
         self._present: dict[str, IntArray] = {}
         self._free: IntArray | None = None
 
@@ -64,10 +67,10 @@ class Roster:
         return len(self.kinds)
 
     def present(self, kind: str) -> IntArray:
-        """Returns the rows of all landmarks of a kind that are not removed."""
+        """Returns the rows of all landmarks of a kind that are neither removed nor left behind."""
         if kind not in self._present:
-            same = np.array([k == kind for k in self.kinds], bool)
-            self._present[kind] = np.flatnonzero(same & (self.offset != GONE))
+            there = np.flatnonzero(self.offset >= FIXED)
+            self._present[kind] = there[[self.kinds[row] == kind for row in there.tolist()]]
         return self._present[kind]
 
     def free(self) -> IntArray:
@@ -137,10 +140,20 @@ class Roster:
         free = self.free()
         return free[~self.confirmed[free]]
 
+    def leave(self, row: int, state: JointState) -> None:
+        """Takes a landmark out of the state and keeps what is known of it; its row stays, `LEFT`.
+
+        Nothing else in the state changes, as if the landmark were never seen again.
+        """
+        own = slice(int(self.offset[row]), int(self.offset[row]) + self._length(row))
+        self.left[row] = state.mean[own].copy(), state.P[own, own].copy()
+        self.remove(row, state)
+        self.offset[row] = LEFT
+
     def remove(self, row: int, state: JointState) -> None:
         """Takes a landmark out of the state; its row stays, `GONE`."""
         kind, at = self.kinds[row], int(self.offset[row])
-        length = MODELS[kind].dim_landmark
+        length = self._length(row)
         state.remove(at, length)
         self.offset[row] = GONE
         self.close_gap(at, length)
@@ -150,3 +163,6 @@ class Roster:
     def close_gap(self, at: int, length: int) -> None:
         """Moves up the places behind ``length`` entries that were taken out of the state."""
         self.offset[self.offset > at] -= length
+
+    def _length(self, row: int) -> int:
+        return MODELS[self.kinds[row]].dim_landmark

@@ -52,12 +52,12 @@ def run_window(
         drift = UNKNOWN
         for _ in range(config.passes):
             moved = with_drift(measurements, drift)
-            found = sliding_window(moved, joint, config.window_m)
+            found = sliding_window(moved, joint, config.window_m, anew=True)
             start = state_problem(moved, found.match, found)
             smoothed = _robust(start, SmootherConfig(engine="chain"), Counter())
             drift = fit_drift(increment, smoothed.pose)
         measurements = with_drift(measurements, drift)
-    found = sliding_window(measurements, joint, config.window_m)
+    found = sliding_window(measurements, joint, config.window_m, anew=True)
     return replace(found, method=METHOD_WINDOW, quantities=_told(drift))
 
 

@@ -93,7 +93,9 @@ def close_all_loops(
         if drift is not None:
             drift = _fitted_again(drift, given, fitted)
             fitted = _with_measurements(fitted, with_drift(given, drift))
-        fitted = _decided(fitted, smoother)
+        before, fitted = fitted.problem.match, _decided(fitted, smoother)
+        if np.array_equal(before, fitted.problem.match):
+            break
     problem = fitted.problem
     counts[REJECTED] = int(np.sum(problem.match == UNMATCHED))
     estimate = finish(problem, fitted.minimum)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from graphslam.config import SmootherConfig
 from graphslam.geometry import Array
 from graphslam.measurements import IntArray
-from graphslam.rematch.fitted import UNMATCHED, Fitted, nodes_of, renumbered
+from graphslam.rematch.fitted import UNMATCHED, nodes_of, renumbered
 from graphslam.smoother.fit import sighting_fit
 from graphslam.smoother.problem import Minimum, Problem
 from graphslam.smoother.robust import minimise_robustly
@@ -35,11 +35,13 @@ class Joined:
     """A loop closed.
 
     Attributes:
-        fitted: the matches with landmarks joined, at their minimum.
+        problem: the matches with landmarks joined.
+        minimum: theirs.
         landmarks: how many landmarks there are fewer.
     """
 
-    fitted: Fitted
+    problem: Problem
+    minimum: Minimum
     landmarks: int
 
 
@@ -57,7 +59,7 @@ def seen_together(problem: Problem) -> NDArray[np.bool_]:
 
 
 def join(
-    fitted: Fitted,
+    problem: Problem,
     votes: Counter[Pair],
     start: Array | None,
     config: SmootherConfig,
@@ -69,14 +71,13 @@ def join(
     is minimised again from where it began.
 
     Args:
-        fitted: matches at their minimum.
+        problem: matches at their minimum.
         votes: pairs of landmarks that may be one, and how often they were found to be.
         start: (N, 3) path to start from where it is torn; then what contradicts is switched off by
             the robust kernel. None: the minimum is near, all sightings count.
         config: of the minimisation, and the gate that says what a sighting may cost.
         minimise: minimises.
     """
-    problem = fitted.problem
     apart = seen_together(problem)
     before = _price(problem, problem.pose, problem.params, problem.match, config)
     pairs = [pair for pair, _ in sorted(votes.items(), key=lambda kv: (-kv[1], kv[0]))]
@@ -93,8 +94,11 @@ def join(
         after = _price(tried, minimum.pose, minimum.params, match, config)
         worst = _too_dear(problem, groups, after - before, config)
         if not worst:
-            joined = Fitted.of(renumbered(tried, match), minimise(renumbered(tried, match), config))
-            return Joined(joined, sum(len(group) - 1 for group in groups))
+            if start is not None:
+                tried = replace(tried, pose=minimum.pose, params=minimum.params)
+                tried = renumbered(tried, match)
+                minimum = minimise(tried, config)
+            return Joined(tried, minimum, sum(len(group) - 1 for group in groups))
         dropped = {m for group in worst[: max(1, len(worst) // 2)] for m in group}
         bad |= {pair for pair in used if pair[0] in dropped}
     return "walls that seem to agree contradict each other"

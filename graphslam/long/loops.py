@@ -15,6 +15,7 @@ from graphslam.long.patches import Patch, covariance_between, in_frame, patches_
 from graphslam.rematch.fitted import Fitted
 from graphslam.rematch.found import travelled
 from graphslam.rematch.spread import Spread
+from graphslam.smoother.problem import Minimum, Problem
 
 WAYS = 12
 """Different ways to lay one patch on another that are compared."""
@@ -109,6 +110,10 @@ class Search:
         self.way = travelled(fitted.problem.pose)
         self.spread = Spread(fitted.problem.pose, fitted.problem.measurements.odometry)
         self.found: list[Finding] = []
+        saw = np.zeros((len(self.patches), len(fitted.problem.kinds)), np.float32)
+        for b, patch in enumerate(self.patches):
+            saw[b, patch.landmark] = 1.0
+        self.shared = saw @ saw.T
 
     def close(self) -> int:
         """Closes what lies where the estimate expects it; returns how many loops it closed."""
@@ -183,7 +188,8 @@ class Search:
             return
         votes = Counter(pair for f in best for pair in f.pairs if pair[0] != pair[1])
         start = None if anchor is None else self._torn_path(best[-1].motion, anchor, b)
-        joined = join(self.fitted, votes, start, self.config, self.minimise) if votes else ""
+        problem = self.fitted.problem
+        joined = join(problem, votes, start, self.config, self.minimise) if votes else ""
         if isinstance(joined, str):
             if joined:
                 self.refused[b] = joined
@@ -191,7 +197,7 @@ class Search:
             self.refused[b] = "it would bend the path more than odometry allows"
         else:
             self.closed += 1
-            self._take(joined.fitted)
+            self._take(Fitted.of(joined.problem, joined.minimum))
 
     def _find(self, a: int, b: int, anchor: int | None, rules: Rules) -> Finding | None:
         """Returns how patch b lies on patch a, if there is one clearly best way."""
@@ -200,8 +206,7 @@ class Search:
             return None
         if anchor is not None and not self._is_revisit(one, other):
             return None
-        shared = len(np.intersect1d(one.landmark, other.landmark))
-        if shared >= 0.6 * min(len(one.landmark), len(other.landmark)):
+        if self.shared[a, b] >= 0.6 * min(len(one.landmark), len(other.landmark)):
             return None
         pose = self.fitted.problem.pose
         centre = pose[other.middle]
@@ -255,14 +260,14 @@ class Search:
         The cost of the minimum, half a gate for each sighting left out, a gate for each landmark.
         """
         gate = self.config.rematching.gate
-        costs = [_cost(fitted, gate) for fitted in (self.fitted, joined.fitted)]
+        before = _cost(self.fitted.problem, self.fitted.minimum, gate)
+        after = _cost(joined.problem, joined.minimum, gate)
         allowed = 0.0 if torn else PRICE * gate
-        return bool(costs[1] - costs[0] < gate * joined.landmarks + allowed)
+        return after - before < gate * joined.landmarks + allowed
 
 
-def _cost(fitted: Fitted, gate: float) -> float:
-    out = np.sum(fitted.problem.match < 0)
-    return float(fitted.minimum.cost + 0.5 * gate * out)
+def _cost(problem: Problem, minimum: Minimum, gate: float) -> float:
+    return float(minimum.cost + 0.5 * gate * np.sum(problem.match < 0))
 
 
 def _is_clear(ways: Array, rules: Rules) -> bool:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
-from graphslam.geometry import Array, points_on_line, position_along, transform_points
+from graphslam.geometry import Array, points_on_line, transform_points
 from graphslam.measurements import IntArray
 from graphslam.models.line import LINE
 from graphslam.rematch.fitted import Fitted, table_of
@@ -18,7 +20,7 @@ FEWEST = 3
 """Sightings of a line that make it part of a patch."""
 OFFSET_SIGMA, TURN_SIGMA, LONGEST = 0.03, 0.02, 4.0
 """How lines are weighted where a patch moves as a whole: sigma of a metre of line, m and rad."""
-LOOSE = np.diag([1.0, 1.0, 10.0])
+LOOSE = (1.0, 1.0, 10.0)
 """Information that keeps the place of a patch with one direction of lines finite."""
 
 
@@ -54,34 +56,24 @@ def patches_of(fitted: Fitted) -> tuple[Patch, ...]:
     ends = transform_points(problem.pose[table.node][:, None, :], ends)
     way = travelled(problem.pose)
     match = problem.match[offset : offset + len(table)]
+    viewer, params = problem.pose[table.node, :2], np.ascontiguousarray(problem.params[:, :2])
+    place = np.full(len(params), -1)
     made = []
     for begin in np.arange(0.0, max(way[-1] - STEP_M, 1e-9), STEP_M):
         first, last = np.searchsorted(way, [begin, begin + LENGTH_M]).tolist()
-        rows = np.arange(*np.searchsorted(table.node, [first, last]))
-        rows = rows[match[rows] >= 0]
-        landmark, count = np.unique(match[rows], return_counts=True)
+        rows = slice(*np.searchsorted(table.node, [first, last]).tolist())
+        own = match[rows]
+        landmark, count = np.unique(own[own >= 0], return_counts=True)
         landmark = landmark[count >= FEWEST]
         lines, sign = np.zeros((len(landmark), 4)), np.ones(len(landmark))
-        for n, m in enumerate(landmark.tolist()):
-            own = rows[match[rows] == m]
-            seen_from = problem.pose[table.node[own], :2]
-            lines[n], sign[n] = _directed(problem.params[m, :2], seen_from, ends[own])
+        _direct(own, viewer[rows], ends[rows], params, landmark, place, lines, sign)
         made.append(Patch(first, last, landmark, lines, sign))
     return tuple(made)
 
 
 def in_frame(lines: Array, pose: Array) -> Array:
     """Returns directed lines (M, 4) of the floor as seen from ``pose`` (3,)."""
-    c, s = np.cos(lines[:, 1]), np.sin(lines[:, 1])
-    along = -pose[0] * s + pose[1] * c
-    return np.column_stack(
-        [
-            lines[:, 0] - pose[0] * c - pose[1] * s,
-            lines[:, 1] - pose[2],
-            lines[:, 2] - along,
-            lines[:, 3] - along,
-        ]
-    )
+    return np.asarray(_in_frame(lines, pose))
 
 
 def covariance_between(fitted: Fitted, a: Patch, b: Patch, pose: Array) -> Array:
@@ -90,34 +82,96 @@ def covariance_between(fitted: Fitted, a: Patch, b: Patch, pose: Array) -> Array
     It follows from the joint covariance of both patches' landmarks: loops that are closed already,
     and what connects the patches, all count.
     """
-    D = np.concatenate([-_shift_of(a, pose), _shift_of(b, pose)], axis=1)
-    landmark = np.concatenate([a.landmark, b.landmark])
-    at = (fitted.offsets[landmark][:, None] + np.arange(2)).ravel()
-    return np.asarray(D @ fitted.cov_joint[np.ix_(at, at)] @ D.T)
+    D = np.concatenate(
+        [-_shift_of(a.lines, a.sign, pose), _shift_of(b.lines, b.sign, pose)], axis=1
+    )
+    at = np.concatenate([fitted.offsets[a.landmark], fitted.offsets[b.landmark]])
+    return np.asarray(_carried(D, fitted.cov_joint, at))
 
 
-def _directed(line: Array, seen_from: Array, ends: Array) -> tuple[Array, float]:
-    """Returns rho, alpha, low, high with all viewers on one side, and -1 if it was turned."""
-    along = position_along(line, ends.reshape(-1, 2))
-    low, high = float(along.min()), float(along.max())
-    normal = np.array([np.cos(line[1]), np.sin(line[1])])
-    if np.median(seen_from @ normal) > line[0]:
-        return np.array([-line[0], line[1] + np.pi, -high, -low]), -1.0
-    return np.array([line[0], line[1], low, high]), 1.0
+@njit(cache=True)
+def _direct(match, viewer, ends, params, landmark, place, lines, sign):  # type: ignore[no-untyped-def]
+    """Fills rho, alpha, low, high with most viewers on one side, and -1 where a line was turned.
+
+    Args:
+        match: (k,) landmark of each sighting, -1 for none.
+        viewer: (k, 2) where it was seen from, floor frame.
+        ends: (k, 2, 2) ends of the stretch seen, floor frame.
+        params: (M, 2) of all landmarks.
+        landmark: (m,) those that are wanted.
+        place: (M,) room, all -1, as it is left.
+        lines: (m, 4) filled.
+        sign: (m,) of ones, filled.
+    """
+    beyond = np.zeros(len(landmark))
+    for n in range(len(landmark)):
+        place[landmark[n]] = n
+        lines[n, :2] = params[landmark[n]]
+        lines[n, 2], lines[n, 3] = math.inf, -math.inf
+    for k in range(len(match)):
+        n = place[match[k]] if match[k] >= 0 else -1
+        if n < 0:
+            continue
+        c, s = math.cos(lines[n, 1]), math.sin(lines[n, 1])
+        for end in range(2):
+            along = -ends[k, end, 0] * s + ends[k, end, 1] * c
+            lines[n, 2], lines[n, 3] = min(lines[n, 2], along), max(lines[n, 3], along)
+        beyond[n] += 1.0 if viewer[k, 0] * c + viewer[k, 1] * s > lines[n, 0] else -1.0
+    for n in range(len(landmark)):
+        place[landmark[n]] = -1
+        if beyond[n] > 0.0:
+            low, high = lines[n, 2], lines[n, 3]
+            lines[n, 0], lines[n, 1] = -lines[n, 0], lines[n, 1] + math.pi
+            lines[n, 2], lines[n, 3] = -high, -low
+            sign[n] = -1.0
 
 
-def _shift_of(patch: Patch, pose: Array) -> Array:
+@njit(cache=True)
+def _in_frame(lines, pose):  # type: ignore[no-untyped-def]
+    """Returns directed lines (M, 4) as seen from a pose."""
+    out = np.empty_like(lines)
+    for n in range(len(lines)):
+        c, s = math.cos(lines[n, 1]), math.sin(lines[n, 1])
+        along = -pose[0] * s + pose[1] * c
+        out[n, 0] = lines[n, 0] - pose[0] * c - pose[1] * s
+        out[n, 1] = lines[n, 1] - pose[2]
+        out[n, 2], out[n, 3] = lines[n, 2] - along, lines[n, 3] - along
+    return out
+
+
+@njit(cache=True)
+def _shift_of(lines, sign, pose):  # type: ignore[no-untyped-def]
     """Returns how a patch moves as a whole (3, 2 M) when its landmarks' parameters change."""
-    lines = in_frame(patch.lines, pose)
-    count = len(lines)
-    middle = 0.5 * (lines[:, 2] + lines[:, 3])
-    on_floor = patch.sign * 0.5 * (patch.lines[:, 2] + patch.lines[:, 3])
-    length = np.minimum(lines[:, 3] - lines[:, 2], LONGEST)
-    J, M, w = np.zeros((2 * count, 3)), np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
-    even = 2 * np.arange(count)
-    J[even, 0], J[even, 1], J[even, 2] = np.cos(lines[:, 1]), np.sin(lines[:, 1]), -middle
-    J[even + 1, 2] = 1.0
-    M[even, even], M[even, even + 1] = patch.sign, -patch.sign * on_floor
-    M[even + 1, even + 1] = 1.0
-    w[even], w[even + 1] = length / OFFSET_SIGMA**2, length / TURN_SIGMA**2
-    return np.asarray(np.linalg.solve(J.T @ (w[:, None] * J) + LOOSE, J.T * w) @ M)
+    count, seen = len(lines), _in_frame(lines, pose)
+    H, y = np.diag(np.array(LOOSE)), np.zeros((3, 2 * count))
+    J = np.zeros(3)
+    for n in range(count):
+        length = min(seen[n, 3] - seen[n, 2], LONGEST)
+        w, w_turn = length / OFFSET_SIGMA**2, length / TURN_SIGMA**2
+        J[0], J[1] = math.cos(seen[n, 1]), math.sin(seen[n, 1])
+        J[2] = -0.5 * (seen[n, 2] + seen[n, 3])
+        lever = 0.5 * (lines[n, 2] + lines[n, 3])
+        for p in range(3):
+            for q in range(3):
+                H[p, q] += w * J[p] * J[q]
+            y[p, 2 * n], y[p, 2 * n + 1] = w * J[p] * sign[n], -w * J[p] * lever
+        H[2, 2] += w_turn
+        y[2, 2 * n + 1] += w_turn
+    return np.linalg.solve(H, y)
+
+
+@njit(cache=True)
+def _carried(D, cov, at):  # type: ignore[no-untyped-def]
+    """Returns ``D C D'`` (3, 3), C (2 M, 2 M) being ``cov`` from places ``at`` (M,) on, by twos."""
+    out, half = np.zeros((3, 3)), np.zeros(3)
+    for i in range(D.shape[1]):
+        half[:] = 0.0
+        row = at[i // 2] + i % 2
+        for j in range(D.shape[1]):
+            entry = cov[row, at[j // 2] + j % 2]
+            for p in range(3):
+                half[p] += D[p, j] * entry
+        for p in range(3):
+            for q in range(3):
+                out[p, q] += D[p, i] * half[q]
+    return out

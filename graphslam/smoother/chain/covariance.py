@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse
 
 from graphslam.geometry import Array
 from graphslam.measurements import IntArray
@@ -53,8 +54,9 @@ def last_and_map(system: System, pose: Array) -> Array:
 
 
 def _congruent(T: Array, Z: Array) -> Array:
-    """Returns ``T Z T'``."""
-    return np.asarray(T @ Z @ T.T)
+    """Returns ``T Z T'``; T has few entries in a row."""
+    few = scipy.sparse.csr_array(T)
+    return np.asarray(few @ (few @ Z).T)
 
 
 def _symmetric(cov: Array) -> Array:

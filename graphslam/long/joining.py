@@ -14,6 +14,7 @@ from graphslam.config import SmootherConfig
 from graphslam.geometry import Array
 from graphslam.measurements import IntArray
 from graphslam.rematch.fitted import UNMATCHED, nodes_of, renumbered
+from graphslam.rematch.found import start_landmarks
 from graphslam.smoother.fit import sighting_fit
 from graphslam.smoother.problem import Minimum, Problem
 from graphslam.smoother.robust import minimise_robustly
@@ -96,9 +97,8 @@ def join(
         if not worst:
             if start is not None:
                 tried = replace(tried, pose=minimum.pose, params=minimum.params)
-                tried = renumbered(tried, match)
-                minimum = minimise(tried, config)
-            return Joined(tried, minimum, sum(len(group) - 1 for group in groups))
+                tried, minimum = _without(tried, match, config, minimise)
+            return Joined(tried, minimum, len(problem.kinds) - len(tried.kinds))
         dropped = {m for group in worst[: max(1, len(worst) // 2)] for m in group}
         bad |= {pair for pair in used if pair[0] in dropped}
     return "walls that seem to agree contradict each other"
@@ -113,6 +113,23 @@ def _minimum(
     kernel = replace(config, robust="gnc", robust_odometry=False)
     weighed, minimum = minimise_robustly(replace(tried, pose=start), kernel, minimise)
     return minimum, np.where(weighed.weight > 0.5, tried.match, UNMATCHED)
+
+
+def _without(
+    tried: Problem, match: IntArray, config: SmootherConfig, minimise: Minimise
+) -> tuple[Problem, Minimum]:
+    """Returns a torn problem with what contradicted it matched anew, and its minimum.
+
+    Where a path was torn, one landmark holds the sightings of several walls: those switched off are
+    no outliers, but start landmarks of their own.
+    """
+    off = np.flatnonzero((tried.match >= 0) & (match < 0))
+    begun = start_landmarks(replace(tried, match=match), off, config.rematching)
+    kernel = replace(config, robust="gnc", robust_odometry=False)
+    weighed, minimum = minimise_robustly(begun, kernel, minimise)
+    match = np.where(weighed.weight > 0.5, begun.match, UNMATCHED)
+    left = renumbered(replace(begun, pose=minimum.pose, params=minimum.params), match)
+    return left, minimise(left, config)
 
 
 def _price(

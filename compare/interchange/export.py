@@ -14,8 +14,9 @@ from compare.interchange.latex import figures_latex, map_latex
 from compare.interchange.tables import table_csv, table_json
 from compare.record import Record
 from compare.results import tum_text
+from compare.walls import plan_layers
 from graphslam.errors import BadConfig
-from graphslam.plan import estimate_layers, plan_svg
+from graphslam.plan import plan_svg
 
 TRUTH, RERUN = "truth", "rerun"
 PREFERRED = "smoother"
@@ -109,12 +110,12 @@ def _g2o(record: Record, method: str, table: Table) -> str:
 
 
 def _dxf(record: Record, method: str, table: Table) -> str:
-    return dxf_text(estimate_layers(record.estimates[method], method))
+    return dxf_text(plan_layers(record, method))
 
 
 def _svg(record: Record, method: str, table: Table) -> str:
-    layers = estimate_layers(record.estimates[method], method)
-    return '<?xml version="1.0" encoding="utf-8"?>\n' + plan_svg(layers, PLAN_SIZE) + "\n"
+    plan = plan_svg(plan_layers(record, method), PLAN_SIZE)
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{plan}\n'
 
 
 def _latex(record: Record, method: str, table: Table) -> str:

@@ -11,8 +11,8 @@ import pytest
 
 from compare.config import RunConfig
 from compare.opening import suited
-from compare.plots_walls import wall_parts
 from compare.verdict_methods import alarms
+from compare.walls import plan_layers, wall_parts
 from frontend.log import open_log
 from graphslam.baseline import dead_reckoning
 from graphslam.estimate import LOOP_OPEN
@@ -39,9 +39,14 @@ def test_a_wall_is_drawn_where_two_scans_saw_it_and_a_door_stays_open():
         dead_reckoning(measurements), map=wall, cov_joint=1e-6 * np.eye(5),
         match=np.zeros(count, np.int64), used=np.ones(count, bool), method="loops",
     )  # fmt: skip
-    parts = wall_parts(measurements, estimate)
+    parts, landmark = wall_parts(measurements, estimate)
+    assert landmark.tolist() == [0, 0]
     assert parts[:, :, 0] == pytest.approx(2.0)
     assert parts[:, :, 1] == pytest.approx(np.array([[0.5, 1.8], [5.1, 5.9]]))
+    record = SimpleNamespace(measurements=measurements, estimates={"loops": estimate})
+    walls = plan_layers(record, "loops")[0]  # type: ignore[arg-type]
+    assert np.array(walls.polylines) == pytest.approx(parts)
+    assert walls.labels == ("0", "")
 
 
 def test_a_laser_has_its_own_methods_unless_others_are_chosen(tmp_path: Path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,8 @@ from graphslam.estimate import Estimate
 from graphslam.geometry import Array, points_on_line
 
 PLAN_MARGIN = 0.04
+ROOM = 1.5
+"""How much larger a path that no sighting held may make the plan before it leaves it."""
 
 
 def floor_plan(record: Record) -> Plot:
@@ -71,6 +74,8 @@ def floor_plan(record: Record) -> Plot:
     lines += " Triangles: true points." if len(record.true_points) else ""
     if any(u.direction != (0.0, 0.0) for e in record.estimates.values() for u in e.unobserved):
         drawn += " Double arrows: directions of the last position that no sighting fixes."
+    if away := leaving(record):
+        drawn += f" The path of {' and '.join(away)} drifts off the plan."
     if gaps:
         drawn += (
             " Grey bands: ways without a sighting that counts, with their length and what odometry "
@@ -126,17 +131,46 @@ def _start(ax: Axes, pose: Array, size: float) -> None:
 
 
 def plan_bounds(record: Record) -> tuple[Array, Array]:
-    """Returns the lower left and upper right corner (2,) of a plan that shows everything, m."""
-    points = [estimate.pose[:, :2] for estimate in record.estimates.values()]
+    """Returns the lower left and upper right corner (2,) of a plan that shows everything, m.
+
+    Paths that no sighting held are no reason to draw all else small: where they would make the plan
+    more than `ROOM` times as large, they leave it (see `leaving`).
+    """
+    held = [name for name in record.estimates if name not in leaving(record)]
+    return _box(_shown(record, held))
+
+
+def leaving(record: Record) -> list[str]:
+    """Returns the methods whose path leaves the plan, because no sighting holds it."""
+    free = [name for name, estimate in record.estimates.items() if not estimate.used.any()]
+    held = [name for name in record.estimates if name not in free]
+    if not held:
+        return []
+    low, high = _box(_shown(record, held))
+    out = []
+    for name in free:
+        lowest, highest = _box(_shown(record, [*held, name]))
+        if (highest - lowest).max() > ROOM * (high - low).max():
+            out.append(name)
+    return out
+
+
+def _shown(record: Record, names: Sequence[str]) -> Array:
+    """Returns all points (k, 2) that a plan of some methods shows, floor frame, m."""
+    points = [record.true_points]
     if record.has_true_pose:
         points.append(record.true_pose[:, :2])
-    points.append(record.true_points)
-    for estimate in record.estimates.values():
+    for estimate in (record.estimates[name] for name in names):
+        points.append(estimate.pose[:, :2])
         points.extend(stretches(estimate))
         points.append(estimate.map.params[point_rows(estimate.map), :2])
     every = np.concatenate(points)
-    every = every[np.isfinite(every).all(axis=1)]
-    low, high = every.min(axis=0), every.max(axis=0)
+    return np.asarray(every[np.isfinite(every).all(axis=1)])
+
+
+def _box(points: Array) -> tuple[Array, Array]:
+    """Returns the corners (2,) of a box around points, with a margin."""
+    low, high = points.min(axis=0), points.max(axis=0)
     centre, half = 0.5 * (low + high), 0.5 * (high - low)
     half = np.maximum(half + PLAN_MARGIN * half.max(), 0.15 * half.max() + 0.05)
     return centre - half, centre + half

@@ -15,6 +15,7 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+from closures import judge
 
 from frontend.readers.carmen_messages import laser_of, robotlaser
 from frontend.recorded import Scan
@@ -95,6 +96,7 @@ def main() -> None:
     show("filter over a window", window.pose, relations, time.process_time() - began)
     whole = close_all_loops(measurements, window, SmootherConfig())
     show("whole chain", whole.pose, relations, time.process_time() - began)
+    print(judge(measurements, whole, relations))
     print(PUBLISHED)
     print(dict(whole.counts))
 

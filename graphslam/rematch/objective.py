@@ -14,6 +14,7 @@ from graphslam.models import MODELS
 from graphslam.rematch.crowd import DENSITY
 from graphslam.rematch.fitted import UNMATCHED, Fitted, of_landmark_kinds, stretches_by_sighting
 from graphslam.rematch.reach import gap_price
+from graphslam.rematch.view import miss_price
 from graphslam.smoother.problem import Problem
 from graphslam.smoother.robust import ODOMETRY_DIM, SMALLEST_WEIGHT
 
@@ -26,7 +27,8 @@ def objective(fitted: Fitted, config: RematchConfig) -> float:
     It is the negative logarithm of the measurements' probability, by Laplace's approximation about
     the minimum, but for what all matches share: the cost of the minimum; half the gate for each
     sighting left out, so that a sighting is worth matching exactly while it costs less; the odds
-    against each gap in a landmark; and for all landmarks together what they might be against how
+    against each gap in a landmark; how improbable it is that landmarks in view were seen as often
+    as they were (`view.miss_price`); and for all landmarks together what they might be against how
     closely they are known. So two landmarks are worth merging while chance would not explain as
     well that they lie so near to each other (`crowd.most_surprise`). An increment that is switched
     off costs half of `slip_price`.
@@ -35,7 +37,8 @@ def objective(fitted: Fitted, config: RematchConfig) -> float:
     out = float(np.sum(of_landmark_kinds(problem) & (problem.match == UNMATCHED)))
     slipped = float(np.sum(problem.odometry_weight < 0.5)) * slip_price(config)
     gaps = float(gap_price(_gaps_within(problem), config).sum())
-    return fitted.minimum.cost + 0.5 * (config.gate * out + slipped + gaps) + _landmarks(fitted)
+    priced = 0.5 * (config.gate * out + slipped + gaps) + miss_price(problem)
+    return fitted.minimum.cost + priced + _landmarks(fitted)
 
 
 def slip_price(config: RematchConfig) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -48,7 +49,11 @@ class Rematched:
 
 
 def rounds(
-    problem: Problem, config: SmootherConfig, minimise: Minimise, before: IntArray | None = None
+    problem: Problem,
+    config: SmootherConfig,
+    minimise: Minimise,
+    before: IntArray | None = None,
+    most: float = math.inf,
 ) -> Rematched:
     """Returns the best of what deciding again, round after round, comes by.
 
@@ -57,11 +62,12 @@ def rounds(
         config: rules, and the largest number of rounds.
         minimise: finds minima.
         before: (K,) matches that are known already, at which there is no need to go on.
+        most: objective above which there is no need to go on, either.
     """
     rules = config.rematching
     fitted = Fitted.of(problem, minimise(problem, config))
     counts: Counter[str] = Counter()
-    best, settled, since = fitted, False, 0
+    best, least, settled, since = fitted, objective(fitted, rules), False, 0
     seen = set() if before is None else {before.tobytes()}
     for _ in range(rules.rounds):
         changed, done = _one_round(fitted, rules)
@@ -72,10 +78,12 @@ def rounds(
         seen.add(name)
         counts += done
         fitted = Fitted.of(changed, minimise(changed, config))
-        since += 1
-        if objective(fitted, rules) <= objective(best, rules):
-            best, since = fitted, 0
-    return Rematched(best, objective(best, rules), settled, dict(counts))
+        since, value = since + 1, objective(fitted, rules)
+        if value <= least:
+            best, least, since = fitted, value, 0
+        if value > most:
+            break
+    return Rematched(best, least, settled, dict(counts))
 
 
 def _one_round(fitted: Fitted, rules: RematchConfig) -> tuple[Problem, Counter[str]]:

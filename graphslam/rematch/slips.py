@@ -1,129 +1,126 @@
 """Places where a path may have slipped by one line: parallel lines at one spacing look alike.
 
 A wrong match by one spacing between two sightings of a direction bends the path there, against
-odometry, and everything after fits again. No single match looks wrong, so none is moved; the way
-out is to shift a whole stretch of the path and to let the penalised cost judge.
+odometry or not, and everything after fits again. So does a turn by the angle between two directions
+of lines. No single match looks wrong, so none is moved; the way out is to move a whole stretch of
+the path and to let the objective judge.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
-from graphslam.association import mahalanobis, same_label
-from graphslam.config import RematchConfig
-from graphslam.geometry import Array, rotation, wrap
+from graphslam.geometry import Array, compose, rotation, wrap
 from graphslam.measurements import IntArray
-from graphslam.models import MODELS
 from graphslam.models.line import LINE
-from graphslam.rematch.fitted import UNMATCHED, Fitted, table_of
-from graphslam.smoother.problem import Problem
+from graphslam.rematch.fitted import Fitted, table_of
+from graphslam.rematch.moving import SLACK_M, Move
 
 SAME_DIRECTION = np.radians(20.0)
-SNAP_SIGMA = 3.0
-"""How far from what odometry suggests a shift by a spacing may be, standard deviations."""
-MOST_SPACINGS = 3
-SLACK_M = 0.05
-"""Standard deviation of lines after a shift that is not exact, m."""
+SAME_TURN = np.radians(5.0)
+"""Turns that differ by less are one."""
+MOST_TURN = np.radians(120.0)
+MOST_SPACINGS = 4
+"""By how many spacings, and of how many turns and places after a turn, a stretch is moved."""
+MOST_SHIFTS = 128
+"""Shifts that are looked at closely, and turns, each."""
+MOST_BACK = 64
+"""Gaps after a slip in which it may be taken back."""
+BIN_M = 0.02
+PLACES = 2
+"""Places across each direction of lines where a stretch is laid after a turn."""
+REACH_M = 0.4
+"""How far from where it was a stretch is laid after a turn, m."""
+HEAD = 120
+"""Sightings after a turn by which its place is found."""
+
+
+@dataclass(frozen=True, slots=True)
+class Direction:
+    """Lines that are nearly parallel.
+
+    Attributes:
+        normal: (2,) unit vector across the lines, floor frame.
+        alpha: its angle, rad.
+        lines: (k,) landmarks.
+        rho: (k,) where they are along the normal, m.
+    """
+
+    normal: Array
+    alpha: float
+    lines: IntArray
+    rho: Array
 
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """A stretch of the path between two sightings of lines of one direction.
+    """A stretch of the path between two sightings of lines of one direction, or of any.
 
     Attributes:
         first: last node that saw the direction before.
         last: next node that saw it.
-        normal: (2,) unit vector across the lines, floor frame.
-        tension_m: how much further along the normal the path went than odometry did, m.
-        sigma_m: standard deviation of odometry's way along the normal, m.
+        tension: how much further along the normal the path went than odometry did, m; or how
+            much further it turned, rad.
+        sigma: standard deviation of odometry's way along the normal, m; or turn, rad.
     """
 
     first: int
     last: int
-    normal: Array
-    tension_m: float
-    sigma_m: float
+    tension: float
+    sigma: float
+
+    def gain(self, size: float) -> float:
+        """Returns what odometry saves when the path's slip of ``size`` is taken back."""
+        return 0.5 * (self.tension**2 - (self.tension - size) ** 2) / self.sigma**2
 
 
-@dataclass(frozen=True, slots=True)
-class Shift:
-    """A stretch of the path that may lie elsewhere.
-
-    Attributes:
-        first: first node that moves.
-        last: node after the last that moves.
-        vector: (2,) by how much, m, floor frame.
-        gain: by how much odometry alone would like it, in units of the cost.
-    """
-
-    first: int
-    last: int
-    vector: Array
-    gain: float
-
-
-def shifts(fitted: Fitted, least_gain: float, most: int) -> tuple[Shift, ...]:
-    """Returns the shifts that odometry would like most, best first.
+def moves(fitted: Fitted, least_gain: float) -> list[Move]:
+    """Returns moves of stretches of the path that odometry allows.
 
     Args:
         fitted: path, map and matches.
-        least_gain: smallest gain worth a trial.
-        most: largest number returned.
+        least_gain: smallest gain by odometry, in units of the cost; below 0 where the path may have
+            been bent in odometry's favour.
     """
-    nodes, found = len(fitted.problem.pose), []
-    for gaps, spacings in _directions(fitted):
-        for number, gap in enumerate(gaps):
-            for size in _sizes(gap, spacings):
-                gain = _gain(gap, size)
-                found.append(Shift(gap.last, nodes, -size * gap.normal, gain))
-                found += [
-                    Shift(gap.last, back.last, -size * gap.normal, gain + _gain(back, -size))
-                    for back in gaps[number + 1 :]
-                ]
-    good = [shift for shift in found if shift.gain > least_gain]
-    good.sort(key=lambda shift: (-shift.gain, shift.first, shift.last))
-    return tuple(good[:most])
+    groups = list(directions(fitted))
+    shifts = [shift for group in groups for shift in _shifts(fitted, group, least_gain)]
+    shifts.sort(key=lambda move: (-move.gain, move.first, move.last))
+    return shifts[:MOST_SHIFTS] + list(_turns(fitted, groups, least_gain))
 
 
-def shifted(fitted: Fitted, shift: Shift, config: RematchConfig) -> Problem:
-    """Returns the problem with a stretch of the path moved, and its sightings matched there.
-
-    Landmarks that only the stretch saw move with it; its other sightings take the nearest landmark.
-    """
-    problem = fitted.problem
-    moves = np.zeros(len(problem.pose), bool)
-    moves[shift.first : shift.last] = True
-    pose = problem.pose.copy()
-    pose[moves, :2] += shift.vector
-    inside = moves[fitted.node]
-    matched = problem.match >= 0
-    outside = np.bincount(problem.match[matched & ~inside], minlength=len(problem.kinds))
-    params, lines = problem.params.copy(), fitted.of_kind(LINE.kind)
-    own = lines[(outside[lines] == 0) & ~problem.fixed[lines]]
-    alpha = params[own, 1]
-    params[own, 0] += np.cos(alpha) * shift.vector[0] + np.sin(alpha) * shift.vector[1]
-    moved = replace(problem, pose=pose, params=params)
-    return replace(moved, match=_nearest(moved, inside, lines, fitted.label[lines], config))
-
-
-def _directions(fitted: Fitted) -> Iterator[tuple[list[Gap], Array]]:
-    """Yields for each direction of lines its gaps and the spacings (S,) of its lines, m."""
-    problem = fitted.problem
+def directions(fitted: Fitted) -> Iterator[Direction]:
+    """Yields the directions of lines, each with its lines."""
+    params = fitted.problem.params
     lines = fitted.of_kind(LINE.kind)
-    left = lines[np.argsort(wrap(2.0 * problem.params[lines, 1]))] if len(lines) else lines
+    left = lines[np.argsort(wrap(2.0 * params[lines, 1]))] if len(lines) else lines
     while len(left):
-        alpha = problem.params[left[0], 1]
-        turn = 0.5 * wrap(2.0 * (problem.params[left, 1] - alpha))
+        turn = 0.5 * wrap(2.0 * (params[left, 1] - params[left[0], 1]))
         same = np.abs(turn) < SAME_DIRECTION
         group, left = left[same], left[~same]
-        alpha = alpha + float(np.mean(turn[same]))
+        alpha = float(params[group[0], 1] + np.mean(turn[same]))
         normal = np.array([np.cos(alpha), np.sin(alpha)])
-        seen = np.isin(problem.match, group)
-        gaps = list(_gaps(fitted, np.unique(fitted.node[seen]), normal))
-        yield gaps, _spacings(problem.params[group, :2], normal)
+        sign = np.sign(np.cos(params[group, 1] - alpha))
+        yield Direction(normal, alpha, group, sign * params[group, 0])
+
+
+def _shifts(fitted: Fitted, group: Direction, least_gain: float) -> Iterator[Move]:
+    """Yields shifts across a direction: of all that follows a gap, and between two gaps."""
+    nodes = len(fitted.problem.pose)
+    seen = np.unique(fitted.node[np.isin(fitted.problem.match, group.lines)])
+    gaps = list(_gaps(fitted, seen, group.normal))
+    spacings = _spacings(group.rho)
+    for number, gap in enumerate(gaps):
+        for size in _sizes(gap, spacings, least_gain):
+            motion, gain = np.append(-size * group.normal, 0.0), gap.gain(size)
+            yield Move(gap.last, nodes, motion, gain)
+            for back in gaps[number + 1 : number + 1 + MOST_BACK]:
+                both = gain + back.gain(-size)
+                if both > least_gain:
+                    yield Move(gap.last, back.last, motion, both)
 
 
 def _gaps(fitted: Fitted, nodes: IntArray, normal: Array) -> Iterator[Gap]:
@@ -133,56 +130,95 @@ def _gaps(fitted: Fitted, nodes: IntArray, normal: Array) -> Iterator[Gap]:
     went = np.diff(pose[:, :2], axis=0) @ normal
     across = np.einsum("i,kij->kj", normal, turn)
     variance = np.einsum("ki,kij,kj->k", across, odometry.cov[:, :2, :2], across)
-    tension = np.concatenate([[0.0], np.cumsum(went - driven)])
+    yield from _between(nodes, went - driven, variance)
+
+
+def _between(nodes: IntArray, off: Array, variance: Array) -> Iterator[Gap]:
+    """Yields the gaps between nodes, of what each increment is off and how sure it is."""
+    tension = np.concatenate([[0.0], np.cumsum(off)])
     total = np.concatenate([[0.0], np.cumsum(variance)])
     for first, last in zip(nodes[:-1].tolist(), nodes[1:].tolist(), strict=True):
         sigma = float(np.sqrt(total[last] - total[first]))
-        yield Gap(first, last, normal, float(tension[last] - tension[first]), sigma)
+        yield Gap(first, last, float(tension[last] - tension[first]), sigma)
 
 
-def _spacings(lines: Array, normal: Array) -> Array:
+def _spacings(rho: Array) -> Array:
     """Returns the distances (S,) between any two of a group of nearly parallel lines, m."""
-    sign = np.sign(np.cos(lines[:, 1]) * normal[0] + np.sin(lines[:, 1]) * normal[1])
-    rho = np.sort(sign * lines[:, 0])
+    rho = np.sort(rho)
     apart = np.abs(rho[:, None] - rho[None, :])[np.triu_indices(len(rho), 1)]
     apart.sort()
     groups = np.split(apart, np.flatnonzero(np.diff(apart) > SLACK_M) + 1)
-    return np.array([group.mean() for group in groups if len(group)])
+    found = np.array([group.mean() for group in groups if len(group)])
+    return found[found > 0.5 * SLACK_M]
 
 
-def _sizes(gap: Gap, spacings: Array) -> list[float]:
-    """Returns by how much the path may have slipped in a gap, m: spacings near the tension."""
-    wanted = abs(gap.tension_m)
-    off = np.abs(spacings - wanted)
-    near = (off < SNAP_SIGMA * gap.sigma_m) & (spacings > 0.5 * SLACK_M)
-    best = spacings[near][np.argsort(off[near], kind="stable")][:MOST_SPACINGS]
-    return [float(np.copysign(size, gap.tension_m)) for size in best]
+def _sizes(gap: Gap, spacings: Array, least_gain: float) -> list[float]:
+    """Returns by how much the path may have slipped in a gap, m, to either side."""
+    sizes = [float(sign * s) for s in spacings for sign in (1.0, -1.0)]
+    sizes = [size for size in sizes if gap.gain(size) > least_gain]
+    sizes.sort(key=lambda size: (-gap.gain(size), size))
+    return sizes[:MOST_SPACINGS]
 
 
-def _gain(gap: Gap, size: float) -> float:
-    """Returns what odometry saves in a gap when the path's slip of ``size`` is taken back."""
-    before, after = gap.tension_m, gap.tension_m - size
-    return 0.5 * (before**2 - after**2) / gap.sigma_m**2
+def _turns(fitted: Fitted, groups: list[Direction], least_gain: float) -> Iterator[Move]:
+    """Yields turns of all that follows a gap by the angle between two directions of lines."""
+    pose, odometry = fitted.problem.pose, fitted.problem.measurements.odometry
+    first, table = table_of(fitted.problem, LINE.kind)
+    seen = np.unique(table.node[fitted.problem.match[first : first + len(table)] >= 0])
+    off = wrap(np.diff(pose[:, 2]) - odometry.increment[:, 2])
+    found = [
+        (gap.gain(-turn), gap.last, turn)
+        for gap in _between(seen, off, odometry.cov[:, 2, 2])
+        for turn in _angles(groups)
+    ]
+    found = sorted(turn for turn in found if turn[0] > least_gain)[::-1]
+    for gain, last, turn in found[: MOST_SHIFTS // PLACES**2]:
+        for motion in _places(fitted, groups, last, turn):
+            yield Move(last, len(pose), motion, gain)
 
 
-def _nearest(
-    problem: Problem, inside: Array, lines: IntArray, label: IntArray, config: RematchConfig
-) -> IntArray:
-    """Returns matches (K,) where the sightings ``inside`` take the nearest line, one a node."""
-    match = problem.match.copy()
-    first, table = table_of(problem, LINE.kind)
-    rows = np.flatnonzero(inside[first : first + len(table)])
-    pose = problem.pose[table.node[rows]]
-    model = MODELS[LINE.kind]
-    e, _, _ = model.residual(pose[:, None], problem.params[lines, :2], table.z[rows][:, None])
-    S = table.cov[rows] + np.diag([SLACK_M**2, 0.0])
-    distance = mahalanobis(e, S[:, None])
-    match[first + rows] = UNMATCHED
-    taken: set[tuple[int, int]] = set()
-    pairs = np.argwhere((distance <= config.gate) & same_label(table.label[rows], label))
-    for i, j in pairs[np.argsort(distance[tuple(pairs.T)], kind="stable")].tolist():
-        place = (int(table.node[rows[i]]), j)
-        if match[first + rows[i]] == UNMATCHED and place not in taken:
-            match[first + rows[i]] = lines[j]
-            taken.add(place)
-    return match
+def _angles(groups: list[Direction]) -> list[float]:
+    """Returns the turns, rad, that lay lines of one direction on another's."""
+    found: list[float] = []
+    for a, b in product(groups, groups):
+        turn = 0.5 * wrap(2.0 * (a.alpha - b.alpha))
+        for angle in (turn, turn - np.sign(turn) * np.pi):
+            near = [abs(angle - other) < SAME_TURN for other in found]
+            if SAME_DIRECTION < abs(angle) < MOST_TURN and not any(near):
+                found.append(float(angle))
+    return found
+
+
+def _places(fitted: Fitted, groups: list[Direction], node: int, turn: float) -> Iterator[Array]:
+    """Yields motions (3,) that turn the path about a node and lay what is seen next on lines."""
+    problem = fitted.problem
+    _, table = table_of(problem, LINE.kind)
+    row = np.flatnonzero(table.node >= node)[:HEAD]
+    pivot = problem.pose[node, :2]
+    about = np.append(pivot - rotation(turn) @ pivot, turn)
+    pose = compose(about, problem.pose[table.node[row]])
+    offsets = [_offsets(pose, table.z[row], group) for group in groups[:2]]
+    for across in product(*offsets):
+        normals = np.array([group.normal for group in groups[: len(across)]])
+        shift = np.linalg.lstsq(normals, np.array(across), rcond=None)[0]
+        yield about + np.append(shift, 0.0)
+
+
+def _offsets(pose: Array, z: Array, group: Direction) -> list[float]:
+    """Returns the shifts across a direction that lay most sightings on one of its lines, m."""
+    line = np.zeros((len(z), 2))
+    line[:, 1] = group.alpha
+    e, _, _ = LINE.residual(pose, line, z)  # prediction - measurement, modulo the twin
+    near = np.abs(e[:, 1]) < SAME_DIRECTION
+    alpha = wrap(group.alpha - pose[near, 2] - z[near, 1])
+    sign = np.where(np.abs(alpha) > 0.5 * np.pi, -1.0, 1.0)
+    rho = -sign * e[near, 0]
+    off = (group.rho[None, :] - rho[:, None]).ravel()
+    votes, edges = np.histogram(off, np.arange(-REACH_M, REACH_M + BIN_M, BIN_M))
+    votes = np.convolve(votes, [1.0, 2.0, 1.0], "same")
+    found: list[float] = []
+    for k in np.argsort(-votes, kind="stable").tolist():
+        place = float(edges[k] + 0.5 * BIN_M)
+        if len(found) < PLACES and votes[k] > 0 and all(abs(place - f) > 0.1 for f in found):
+            found.append(place)
+    return found or [0.0]

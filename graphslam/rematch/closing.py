@@ -10,122 +10,39 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from graphslam.association import gate_for, mahalanobis
+from graphslam.association import gate_for
 from graphslam.config import RematchConfig
 from graphslam.geometry import (
     Array,
-    compose_jacobians,
     points_on_line,
     rotation,
     transform_points,
     wrap,
 )
-from graphslam.line_maps.alignment import Alignment, find_alignments
+from graphslam.line_maps.alignment import find_alignments
 from graphslam.line_maps.config import AlignmentConfig
 from graphslam.line_maps.votes import Near
 from graphslam.measurements import IntArray
+from graphslam.rematch.accord import CLEARLY, COMMON, Closing, Compared, grouped, pairs_of
 from graphslam.rematch.fitted import Fitted
 from graphslam.rematch.spread import Spread
 from graphslam.rematch.submaps import Submap
+from graphslam.rematch.torn import MOST_SHIFT_M, MOST_TURN_DEG
 
 NEIGHBOURS, MOST = 96, 32
 """A submap is compared with the nearest `MOST` of its nearest `NEIGHBOURS`; see `candidates`."""
 JOINED = 3
 """Submaps that share so many landmarks are on each other already."""
-COMMON = 2
-"""Landmarks that two pairs of submaps must match alike to agree."""
 ALIGNING = AlignmentConfig(hypotheses=6, most=4, least=COMMON + 1)
 """Fewer motions are tried than for whole maps: odometry says roughly where to look."""
-CLEARLY = 2.0
-"""How many times the score of any rival a closure must have."""
 SAME_TURN = math.radians(5.0)
 """Closures that differ by less are shifts of each other."""
 STRAIGHT_M, STRAIGHT = 0.05, 0.1
 """A shift is along an axis of the floor where the rest is smaller, m or part of it."""
 DIM = 3
+SLIP = np.array([MOST_SHIFT_M, MOST_SHIFT_M, math.radians(MOST_TURN_DEG)]) / 3.0
+"""Standard deviations of a slip, m, m, rad: what `torn` looks for is three of them."""
 REFUSED = "loop not closed: "
-
-
-@dataclass(frozen=True, slots=True)
-class Closing:
-    """One way in which two submaps, far from each other along the path, may be one place.
-
-    Attributes:
-        a: number of the earlier submap.
-        b: number of the later one.
-        pairs: landmarks that are one by it, the earlier submap's first.
-        score_m: length of line in agreement, less that in conflict, m.
-        alignment: how the later map lies on the earlier.
-    """
-
-    a: int
-    b: int
-    pairs: frozenset[tuple[int, int]]
-    score_m: float
-    alignment: Alignment
-
-
-class Compared:
-    """Whether closings say the same.
-
-    They do by the landmarks that they match alike, and by how they lay one stretch of the path on
-    another: as the way between them has it, or not.
-    """
-
-    def __init__(self, maps: tuple[Submap, ...], spread: Spread, gate: float) -> None:
-        self._maps, self._spread, self._gate = maps, spread, gate
-
-    def agree(self, one: list[Closing], other: list[Closing]) -> bool:
-        """Returns whether two groups match landmarks alike, and nothing in them contradicts."""
-        alike = _pairs_of(one) & _pairs_of(other)
-        return len(alike) >= COMMON and not self.contradict(one, other)
-
-    def contradict(self, one: list[Closing], other: list[Closing]) -> bool:
-        """Returns whether a closing of one group cannot be true with one of the other."""
-        return any(self._differ(c, d) for c in one for d in other)
-
-    def _differ(self, one: Closing, other: Closing) -> bool:
-        """Returns whether only one of two closings can be true.
-
-        One landmark in two pairs is a mishap while both lay the path alike: short lines lie near
-        to each other. Several are another place.
-        """
-        alike = len(one.pairs & other.pairs)
-        different = len(_differences(one.pairs, other.pairs))
-        same_maps = (one.a, one.b) == (other.a, other.b)
-        if one is other or not (alike or different or same_maps):
-            return False
-        if different >= COMMON and CLEARLY * different > alike:
-            return True
-        return self._distance(one, other) > self._gate
-
-    def _distance(self, one: Closing, other: Closing) -> float:
-        """Returns the squared Mahalanobis distance between two ways to lay a place on another.
-
-        Where the other's later submap lies in the frame of this one's earlier: by this closing and
-        the way between the later submaps, or by the way between the earlier ones and the other.
-        """
-        first = [m.first for m in self._maps]
-        early, early_cov = self._spread.relative(first[one.a], first[other.a])
-        late, late_cov = self._spread.relative(first[one.b], first[other.b])
-        here, J_here, J_late = compose_jacobians(one.alignment.motion, late)
-        there, J_early, J_there = compose_jacobians(early, other.alignment.motion)
-        cov = J_here @ one.alignment.cov @ J_here.T + J_late @ late_cov @ J_late.T
-        cov += J_early @ early_cov @ J_early.T + J_there @ other.alignment.cov @ J_there.T
-        e = there - here
-        return float(mahalanobis(np.array([e[0], e[1], wrap(e[2])]), cov))
-
-
-def _pairs_of(group: list[Closing]) -> set[tuple[int, int]]:
-    return {pair for closing in group for pair in closing.pairs}
-
-
-def _differences(
-    one: frozenset[tuple[int, int]], other: frozenset[tuple[int, int]]
-) -> set[tuple[int, int]]:
-    """Returns the pairs that match a landmark which the other pairs match with another one."""
-    first, second = dict(other), {b: a for a, b in other}
-    return {(a, b) for a, b in one if first.get(a, b) != b or second.get(b, a) != a}
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,12 +70,13 @@ def closures(
         fitted: path, map and matches.
         maps: of stretches of the path.
         config: the gate within which odometry must agree.
-        slips: whether odometry may be wrong altogether.
+        slips: whether the robot may have slipped between any two places.
     """
-    spread = Spread(fitted.problem.pose, fitted.problem.measurements.odometry)
-    found = list(_closings(fitted, maps, spread, config, slips))
+    slip = SLIP if slips else None
+    spread = Spread(fitted.problem.pose, fitted.problem.measurements.odometry, slip)
+    found = list(_closings(maps, spread, config))
     compared = Compared(maps, spread, gate_for(config.gate, DIM))
-    groups = _groups(found, compared)
+    groups = grouped(found, compared)
     strength = [sum(c.score_m for c in group) for group in groups]
     accepted, refused = [], Counter[str]()
     for n in sorted(range(len(groups)), key=lambda n: (-strength[n], n)):
@@ -168,24 +86,22 @@ def closures(
         rivals = [k for k, other in enumerate(groups) if compared.contradict(group, other)]
         strongest = max((strength[k] for k in rivals if k != n), default=0.0)
         if strength[n] >= CLEARLY * strongest:
-            accepted.append(_pairs(group))
+            accepted.append(pairs_of(group))
         elif strength[n] >= strongest:
             refused[REFUSED + _why(group, found, fitted, maps)] += 1
     return Closures(tuple(accepted), dict(refused))
 
 
-def _closings(
-    fitted: Fitted, maps: tuple[Submap, ...], spread: Spread, config: RematchConfig, slips: bool
-) -> Iterator[Closing]:
+def _closings(maps: tuple[Submap, ...], spread: Spread, config: RematchConfig) -> Iterator[Closing]:
     """Yields the ways to lay later submaps on earlier ones that odometry allows."""
     gate = gate_for(config.gate, DIM)
-    for a, b in candidates(maps, spread, config.submap_m, np.inf if slips else math.sqrt(gate)):
+    for a, b in candidates(maps, spread, config.submap_m, math.sqrt(gate)):
         earlier, later = maps[a], maps[b]
-        near = None if slips else Near(*spread.relative(earlier.first, later.first), gate)
+        near = Near(*spread.relative(earlier.first, later.first), gate)
         for alignment in find_alignments(earlier.lines, later.lines, ALIGNING, near):
             if not alignment.fixed or len(alignment.matches) < ALIGNING.least:
                 continue
-            if slips or spread.distance(earlier.first, later.first, alignment) <= gate:
+            if spread.distance(earlier.first, later.first, alignment) <= gate:
                 pairs = zip(
                     earlier.landmark[alignment.matches[:, 0]].tolist(),
                     later.landmark[alignment.matches[:, 1]].tolist(),
@@ -238,33 +154,6 @@ def _neighbours(place: Array) -> tuple[IntArray, IntArray]:
 def _joined(a: Submap, b: Submap) -> bool:
     """Returns whether two submaps share so many landmarks that they are on each other already."""
     return len(np.intersect1d(a.landmark, b.landmark, assume_unique=True)) >= JOINED
-
-
-def _groups(found: list[Closing], compared: Compared) -> list[list[Closing]]:
-    """Returns closings that agree with each other, best first; each stands in one group."""
-    groups: list[list[Closing]] = []
-    for closing in sorted(found, key=lambda c: (-c.score_m, c.a, c.b)):
-        own = [closing]
-        for group in list(groups):
-            if compared.agree(own, group):
-                groups.remove(group)
-                own = group + own
-        groups.append(own)
-    return groups
-
-
-def _pairs(group: list[Closing]) -> tuple[tuple[int, int], ...]:
-    """Returns the landmarks that are one by a group, each in one pair: those of most score."""
-    votes: dict[tuple[int, int], float] = {}
-    for closing in group:
-        for pair in closing.pairs:
-            votes[pair] = votes.get(pair, 0.0) + closing.score_m
-    first: dict[int, int] = {}
-    second: dict[int, int] = {}
-    for a, b in sorted(votes, key=lambda pair: (-votes[pair], pair)):
-        if a not in first and b not in second:
-            first[a], second[b] = b, a
-    return tuple(sorted(first.items()))
 
 
 def _why(

@@ -33,12 +33,21 @@ def objective(fitted: Fitted, config: RematchConfig) -> float:
     well that they lie so near to each other (`crowd.most_surprise`). An increment that is switched
     off costs half of `slip_price`.
     """
-    problem = fitted.problem
+    return without_landmarks(fitted.problem, fitted.minimum.cost, config) + _landmarks(fitted)
+
+
+def without_landmarks(problem: Problem, cost: float, config: RematchConfig) -> float:
+    """Returns `objective` without the price of the landmarks, which alone needs covariances.
+
+    Args:
+        problem: path, map and matches at the minimum.
+        cost: of the minimum.
+        config: the gate.
+    """
     out = float(np.sum(of_landmark_kinds(problem) & (problem.match == UNMATCHED)))
     slipped = float(np.sum(problem.odometry_weight < 0.5)) * slip_price(config)
     gaps = float(gap_price(_gaps_within(problem), config).sum())
-    priced = 0.5 * (config.gate * out + slipped + gaps) + miss_price(problem)
-    return fitted.minimum.cost + priced + _landmarks(fitted)
+    return cost + 0.5 * (config.gate * out + slipped + gaps) + miss_price(problem)
 
 
 def slip_price(config: RematchConfig) -> float:

@@ -16,7 +16,7 @@ from graphslam.config import SmootherConfig
 from graphslam.measurements import IntArray
 from graphslam.rematch.decide import APART
 from graphslam.rematch.fitted import Fitted
-from graphslam.rematch.objective import objective
+from graphslam.rematch.objective import objective, without_landmarks
 from graphslam.rematch.rounds import LEAST_GAIN, Minimise, Rematched, rounds
 from graphslam.rematch.starts import in_pieces, taken_apart
 from graphslam.smoother.problem import Problem
@@ -55,14 +55,12 @@ def split_joins(
         config: rules.
         minimise: finds minima.
     """
-    rules, undone = config.rematching, 0
-    fitted, least = best.fitted, best.objective
+    fitted, least, undone = best.fitted, best.objective, 0
     for sightings in joins:
         part = _part(fitted.problem, sightings)
-        if len(part):
-            apart = taken_apart(fitted.problem, [part])
-            tried = Fitted.of(apart, minimise(apart, config))
-            cost = objective(tried, rules)
+        tried = _without(fitted, part, config, minimise) if len(part) else None
+        if tried is not None:
+            cost = objective(tried, config.rematching)
             if cost < least - LEAST_GAIN:
                 fitted, least, undone = tried, cost, undone + 1
     if not undone:
@@ -72,6 +70,23 @@ def split_joins(
     if again.objective <= least:
         return replace(again, counts=counts)
     return Rematched(fitted, least, best.settled, counts)
+
+
+def _without(
+    fitted: Fitted, part: IntArray, config: SmootherConfig, minimise: Minimise
+) -> Fitted | None:
+    """Returns the minimum with a part of a landmark's sightings apart; None where it is no gain.
+
+    One landmark more is never for nothing: what saves nothing before its price is paid is not worth
+    the covariances by which that is known.
+    """
+    rules, apart = config.rematching, taken_apart(fitted.problem, [part])
+    minimum = minimise(apart, config)
+    moved = replace(apart, pose=minimum.pose, params=minimum.params)
+    now = without_landmarks(fitted.problem, fitted.minimum.cost, rules)
+    if without_landmarks(moved, minimum.cost, rules) >= now - LEAST_GAIN:
+        return None
+    return Fitted.of(apart, minimum)
 
 
 def _part(problem: Problem, sightings: IntArray) -> IntArray:

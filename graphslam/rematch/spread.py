@@ -18,18 +18,32 @@ class Spread:
         pose: (N, 3) path, floor frame.
         total: (N, 3, 3) sums of all increments' covariances, each as a motion about the origin of
             the floor frame.
+        slips: (N, 3, 3) the same sums if the robot slipped at every node.
     """
 
-    def __init__(self, pose: Array, odometry: Odometry) -> None:
+    def __init__(self, pose: Array, odometry: Odometry, slip: Array | None = None) -> None:
+        """Sums up what odometry may be off by along a path.
+
+        Args:
+            pose: (N, 3) path, floor frame.
+            odometry: increments and their covariances.
+            slip: (3,) standard deviations, m, m, rad, of a slip that may have happened once between
+                any two nodes, nobody knows where; None for none.
+        """
         self.pose = pose
         _, Q, _ = transition(pose[:-1], pose[1:], odometry.increment, odometry.cov)
         A = _about(-pose[1:, :2])
-        self.total = np.concatenate([np.zeros((1, 3, 3)), np.cumsum(A @ Q @ _T(A), axis=0)])
+        self.total = _summed(A @ Q @ _T(A))
+        once = np.zeros(3) if slip is None else slip
+        self.slips = _summed(A @ np.diag(np.square(once)) @ _T(A))
 
     def cov(self, i: IntArray, j: IntArray) -> Array:
         """Returns the covariances (..., 3, 3) of nodes j as seen from nodes i, floor frame."""
         A = _about(self.pose[j, :2])
-        return np.asarray(A @ (self.total[np.maximum(i, j)] - self.total[np.minimum(i, j)]) @ _T(A))
+        early, late = np.minimum(i, j), np.maximum(i, j)
+        between = np.maximum(late - early, 1)[..., None, None]
+        once = (self.slips[late] - self.slips[early]) / between
+        return np.asarray(A @ (self.total[late] - self.total[early] + once) @ _T(A))
 
     def relative(self, i: int, j: int) -> tuple[Array, Array]:
         """Returns the pose (3,) of node j in the frame of node i, and its covariance (3, 3)."""
@@ -55,6 +69,10 @@ class Spread:
         motion, cov = self.relative(i, j)
         e = alignment.motion - motion
         return float(mahalanobis(np.array([e[0], e[1], wrap(e[2])]), cov + alignment.cov))
+
+
+def _summed(covs: Array) -> Array:
+    return np.concatenate([np.zeros((1, 3, 3)), np.cumsum(covs, axis=0)])
 
 
 def _T(A: Array) -> Array:

@@ -12,7 +12,8 @@ from graphslam.estimate import Estimate
 from graphslam.line_maps.alignment import Alignment
 from graphslam.line_maps.line_map import LineMap
 from graphslam.measurements import Measurements, Odometry
-from graphslam.rematch.closing import MOST, Closing, Compared, candidates, shifts_in_words
+from graphslam.rematch.accord import Closing, Compared
+from graphslam.rematch.closing import MOST, candidates, shifts_in_words
 from graphslam.rematch.rematch import CLOSED, DOUBTED
 from graphslam.rematch.spread import Spread
 from graphslam.rematch.submaps import Submap

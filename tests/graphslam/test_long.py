@@ -14,6 +14,7 @@ from frontend.extract import extract
 from frontend.log import open_log
 from graphslam.baseline import dead_reckoning
 from graphslam.config import EkfConfig, SmootherConfig
+from graphslam.ekf import Filter
 from graphslam.estimate import LOOP_OPEN
 from graphslam.geometry import Array, between, compose, interpolate_poses, inverse, wrap
 from graphslam.long import close_all_loops, run_window
@@ -21,7 +22,8 @@ from graphslam.long.chain import CLOSED, drift_of
 from graphslam.long.drift import Drift, corrected, fit_drift
 from graphslam.long.laying import LAID_COLUMNS, lay
 from graphslam.long.patches import in_frame
-from graphslam.measurements import Measurements, Odometry, Sightings
+from graphslam.measurements import IntArray, Measurements, Odometry, Sightings
+from graphslam.rematch.window import LOST, sliding_window, way_of
 
 DRIFT = Drift(np.array([0.95, 0.98, 0.05, 0.08]), np.zeros(4), np.zeros((3, 2)))
 
@@ -202,6 +204,48 @@ def test_one_way_without_a_loop_closes_none():
     whole = close_all_loops(measurements, window, SmootherConfig())
     assert CLOSED not in whole.counts
     assert not any(name.startswith(LOOP_OPEN) for name in whole.counts)
+
+
+def test_a_filter_that_is_lost_begins_a_new_map_instead_of_finding_itself_turned(twice_round):
+    measurements, true = twice_round
+    increment = measurements.odometry.increment.copy()
+    increment[len(increment) // 3, 2] += 0.7
+    bumped = replace(measurements, odometry=replace(measurements.odometry, increment=increment))
+    found = sliding_window(bumped, EkfConfig(), 6.0, anew=True)
+    assert found.counts[LOST] >= 1
+    turned = wrap(
+        between(true[:-5], true[5:])[:, 2] - between(found.pose[:-5], found.pose[5:])[:, 2]
+    )
+    assert (
+        np.degrees(np.abs(turned)).max() < 60.0
+    )  # the bump itself; no wall matched across a corner
+    whole = close_all_loops(bumped, run_window(bumped, EkfConfig()), SmootherConfig())
+    assert whole.counts[CLOSED] >= 1
+    after = slice(len(true) // 2, None)
+    apart = compose(inverse(true[after][0]), true[after])[:, :2]
+    apart = apart - compose(inverse(whole.pose[after][0]), whole.pose[after])[:, :2]
+    assert np.sqrt(np.mean(apart**2)) < 0.15
+
+
+class KeepingAll(Filter):
+    """Matches with what was seen within a window, and keeps all the rest in its state."""
+
+    def candidates(self, node: int, kind: str) -> IntArray:
+        way = way_of(self.measurements.odometry.increment)
+        found = super().candidates(node, kind)
+        return found[way[self.roster.last[found]] >= way[node] - 3.0]
+
+
+def test_what_a_window_leaves_behind_stays_in_the_map_and_changes_nothing_else(twice_round):
+    measurements, _ = twice_round
+    left = sliding_window(measurements, EkfConfig(), 3.0)
+    kept = KeepingAll(measurements, EkfConfig(), None).run()
+    np.testing.assert_array_equal(left.match, kept.match)
+    np.testing.assert_allclose(left.pose, kept.pose, atol=1e-9)
+    np.testing.assert_allclose(left.cov_joint[:3, :3], kept.cov_joint[:3, :3], rtol=1e-6)
+    assert np.all(np.linalg.eigvalsh(left.cov_joint) > 0)
+    assert not left.cov_joint[3, -1]
+    assert kept.cov_joint[3, -1]
 
 
 def test_the_first_loops_of_a_shared_log_close(shared_data: Path):

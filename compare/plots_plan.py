@@ -32,6 +32,7 @@ from compare.plots_style import (
 from compare.plots_ways import draw_ways
 from compare.points import point_rows
 from compare.record import Record
+from compare.walls import has_walls, wall_parts
 from graphslam.estimate import Estimate
 from graphslam.geometry import Array, points_on_line
 
@@ -60,7 +61,7 @@ def floor_plan(record: Record) -> Plot:
         unknown = np.isnan(estimate.map.extent[rows, 0])
         style = {"color": method_colour(name), "lw": 0.8, "alpha": 0.5, "zorder": 2}
         _endless(ax, lines[unknown], low, high, **style)
-        _method(ax, name, estimate, step)
+        _method(ax, name, estimate, step, _drawn(record, estimate)[1])
         draw_points(ax, name, estimate)
         _open_directions(ax, name, estimate, 0.09 * span.max())
     gaps = draw_ways(ax, record)
@@ -111,10 +112,7 @@ def _plan_data(record: Record, step: int) -> dict[str, Columns]:
         add("truth", "point", number, point[None])
     for name, estimate in record.estimates.items():
         add(name, "path", 0, estimate.pose[::step, :2])
-        numbers, _ = estimate.map.of_kind("line")
-        for number, pair in zip(
-            estimate.map.id[numbers].tolist(), stretches(estimate), strict=True
-        ):
+        for number, pair in zip(*_drawn(record, estimate), strict=True):
             add(name, "line", number, pair)
         for row in point_rows(estimate.map).tolist():
             add(name, "point", int(estimate.map.id[row]), estimate.map.params[row : row + 1, :2])
@@ -195,9 +193,18 @@ def _reach(low: Array, high: Array) -> float:
     return float(np.linalg.norm(high - low) + np.linalg.norm(np.maximum(abs(low), abs(high))))
 
 
-def _method(ax: Axes, name: str, estimate: Estimate, step: int) -> None:
+def _drawn(record: Record, estimate: Estimate) -> tuple[list[int], Array]:
+    """Returns number and ends (m, 2, 2) of what is drawn of lines: of walls, what was seen."""
+    if has_walls(record):
+        parts, rows = wall_parts(record.measurements, estimate)
+        return estimate.map.id[rows].tolist(), parts
+    rows, _ = estimate.map.of_kind("line")
+    return estimate.map.id[rows].tolist(), stretches(estimate)
+
+
+def _method(ax: Axes, name: str, estimate: Estimate, step: int, lines: Array) -> None:
     colour, width = method_colour(name), METHOD_WIDTHS.get(name, 1.2)
-    for ends in stretches(estimate):
+    for ends in lines:
         ax.plot(ends[:, 0], ends[:, 1], color=colour, lw=0.7 * width, alpha=0.8, zorder=2)
     path = estimate.pose[::step]
     dashes = METHOD_DASHES.get(name, "-")

@@ -24,22 +24,26 @@ def has_walls(record: Record) -> bool:
     return "line" in record.measurements.sightings and "loops" in record.estimates
 
 
-def plan_layers(record: Record, method: str) -> tuple[Layer, ...]:
+def plan_layers(record: Record, method: str, numbered: bool = True) -> tuple[Layer, ...]:
     """Returns the layers of a plan of one method's map: walls only where they were seen.
 
-    A wall's number stands at its longest part. Other lines are drawn over all of their stretch.
+    Other lines are drawn over all of their stretch.
+
+    Args:
+        record: the run.
+        method: one of its methods.
+        numbered: whether walls have their number, at the longest part; a building has hundreds.
     """
     estimate = record.estimates[method]
     lines, *others = estimate_layers(estimate, method)
     if has_walls(record):
         parts, landmark = wall_parts(record.measurements, estimate)
+        labels = [""] * len(parts)
         length = np.hypot(*(parts[:, 1] - parts[:, 0]).T)
         longest = {int(landmark[k]): int(k) for k in np.argsort(length, kind="stable")}
-        labels = tuple(
-            str(estimate.map.id[m]) if longest[m] == k else ""
-            for k, m in enumerate(landmark.tolist())
-        )
-        lines = replace(lines, polylines=tuple(parts), labels=labels)
+        for m, k in longest.items():
+            labels[k] = str(estimate.map.id[m]) if numbered else ""
+        lines = replace(lines, polylines=tuple(parts), labels=tuple(labels))
     return (lines, *others)
 
 

@@ -114,7 +114,7 @@ def _dxf(record: Record, method: str, table: Table) -> str:
 
 
 def _svg(record: Record, method: str, table: Table) -> str:
-    plan = plan_svg(plan_layers(record, method), PLAN_SIZE)
+    plan = plan_svg(plan_layers(record, method, numbered=False), PLAN_SIZE)
     return f'<?xml version="1.0" encoding="utf-8"?>\n{plan}\n'
 
 

@@ -23,7 +23,7 @@ CLAIMED = (
         "last_position_sigma_m", "last sigma, claimed", "mm", 1e3, lambda m: m.last_position_sigma_m
     ),
     Figure("heading_sigma_deg", "heading sigma, claimed", "°", 1.0, lambda m: m.heading_sigma_deg),
-    Figure("landmarks", "lines in the map", "", 1.0, lambda m: m.landmarks, min),
+    Figure("landmarks", "landmarks in the map", "", 1.0, lambda m: m.landmarks, min),
     Figure("sightings_used", "sightings used", "", 1.0, lambda m: m.sightings_used, min),
 )
 """What is known without truth, too."""

@@ -29,6 +29,7 @@ from compare.matching import MatchingTable, matching_table
 from compare.metrics import TrajectoryMetrics, pose_nees, rms, trajectory
 from compare.points import PointMetrics, point_metrics
 from compare.truth import Truth, truth_of
+from compare.words import landmark_kinds
 from graphslam.config import Engine
 from graphslam.errors import BadMeasurements
 from graphslam.estimate import Estimate, Unobserved
@@ -126,6 +127,7 @@ class Comparison:
         methods: one entry a method, in the order given.
         agreement: how any two of them differ.
         bound: how well path, last pose and map can be known at all; None where nothing tells.
+        kinds: of the landmarks that were seen.
     """
 
     log: str
@@ -134,6 +136,7 @@ class Comparison:
     methods: tuple[MethodMetrics, ...]
     agreement: tuple[Agreement, ...]
     bound: Bound | None = None
+    kinds: tuple[str, ...] = ()
 
     def __getitem__(self, method: str) -> MethodMetrics:
         """Returns the entry of a method; KeyError where it was not compared."""
@@ -197,6 +200,7 @@ def compare(
         methods=tuple(_judge(estimate, measurements, truth, start) for estimate in estimates),
         agreement=tuple(agreement(a, b, measurements) for a, b in combinations(estimates, 2)),
         bound=_bound(measurements, truth, estimates, engine),
+        kinds=landmark_kinds(measurements),
     )
 
 

@@ -14,17 +14,18 @@ from rich.table import Table
 from rich.text import Text
 
 from compare.compiling import told_when_compiling
+from compare.words import noun
 
 if TYPE_CHECKING:
     from compare.run import RunResult
 
 JUDGED = {
-    "aligned path RMSE": ("trajectory", "aligned_rmse_m"),
-    "final error": ("trajectory", "final_error_m"),
-    "map RMSE": ("map", "rho_rmse_m"),
+    "aligned path RMSE": (("trajectory", "aligned_rmse_m"),),
+    "final error": (("trajectory", "final_error_m"),),
+    "map RMSE": (("map", "rho_rmse_m"), ("points", "rmse_m")),
 }
-"""Columns of the table at the end: keys in a method's part of metrics.json."""
-CLAIMED = {"path sigma": ("position_sigma_m",), "final sigma": ("last_position_sigma_m",)}
+"""Columns of the table at the end: keys in a method's part of metrics.json; the first tells."""
+CLAIMED = {"path sigma": (("position_sigma_m",),), "final sigma": (("last_position_sigma_m",),)}
 """The same where there is no truth: what the methods claim."""
 
 
@@ -77,12 +78,12 @@ def print_result(result: RunResult) -> None:
     table = Table(title=Text(result.log.name), title_justify="left", title_style="bold")
     table.add_column("method")
     judged = any(m["trajectory"] or m["map"] for m in metrics["methods"].values())
-    for heading in (*(JUDGED if judged else CLAIMED), "lines"):
+    for heading in (*(JUDGED if judged else CLAIMED), noun(result.comparison.kinds)[1]):
         table.add_column(heading, justify="right")
     for name, figures in metrics["methods"].items():
         shown = JUDGED.values() if judged else CLAIMED.values()
-        lines = str(figures["landmarks"]) if figures["landmarks"] else "–"
-        table.add_row(name, *(millimetres(_at(figures, path)) for path in shown), lines)
+        count = str(figures["landmarks"]) if figures["landmarks"] else "–"
+        table.add_row(name, *(millimetres(_first_of(figures, paths)) for paths in shown), count)
     console = Console(highlight=False, soft_wrap=False)
     console.print(table)
     if metrics["verdict"]:
@@ -113,10 +114,15 @@ def warn(name: str, warnings: Iterable[str]) -> None:
         print(f"graphslam: warning: {name}: {warning}", file=sys.stderr)
 
 
-def _at(figures: Any, path: tuple[str, ...]) -> Any:
-    for key in path:
-        figures = None if figures is None else figures[key]
-    return figures
+def _first_of(figures: Any, paths: tuple[tuple[str, ...], ...]) -> Any:
+    """Returns the figure at the first of some paths of keys that leads to one; else None."""
+    for path in paths:
+        found = figures
+        for key in path:
+            found = None if found is None else found[key]
+        if found is not None:
+            return found
+    return None
 
 
 def millimetres(metres: Any) -> str:

@@ -8,7 +8,7 @@ from compare.plots_plan import floor_plan
 from compare.plots_sightings import (
     innovations_along_the_way,
     innovations_over_time,
-    matches_per_line,
+    matches_per_landmark,
     sightings_per_node,
 )
 from compare.plots_style import Plot, style
@@ -21,7 +21,7 @@ DRAWINGS = (
     walls,
     errors_over_time,
     map_errors,
-    matches_per_line,
+    matches_per_landmark,
     sightings_per_node,
     innovations_over_time,
     innovations_along_the_way,

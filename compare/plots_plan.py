@@ -68,7 +68,13 @@ def floor_plan(record: Record) -> Plot:
     _start(ax, record.measurements.start_pose, 0.035 * span.max())
     legend(made, handlelength=2.2, columnspacing=1.6)
     drawn = "" if step == 1 else f" Every {_ordinal(step)} node is drawn."
-    lines = " Dashed: true lines." if len(record.true_lines) else ""
+    lines = ""
+    if any(len(e.map.of_kind("line")[0]) for e in record.estimates.values()):
+        lines = (
+            " Coloured lines: estimated lines, over the stretch where they were seen, or right "
+            "across where that is not known."
+        )
+    lines += " Dashed: true lines." if len(record.true_lines) else ""
     of_points = ""
     if any(len(point_rows(e.map)) for e in record.estimates.values()):
         lines, of_points = f"{lines} Dots: estimated points.", ", and points that are not known,"
@@ -85,10 +91,8 @@ def floor_plan(record: Record) -> Plot:
     return Plot(
         "floor-plan",
         "Floor plan",
-        "Floor frame, metres. Coloured lines: estimated lines, over the stretch where they were "
-        "seen, or right across where that is not known."
-        f"{lines} Ellipses: the last pose{of_points} with {ELLIPSE_PROBABILITY:.0%} probability "
-        f"({ELLIPSE_SCALE:.2f} sigma).{drawn}",
+        f"Floor frame, metres.{lines} Ellipses: the last pose{of_points} with "
+        f"{ELLIPSE_PROBABILITY:.0%} probability ({ELLIPSE_SCALE:.2f} sigma).{drawn}",
         to_svg(made, "floor-plan", "Floor plan of paths and lines"),
         _plan_data(record, step),
     )

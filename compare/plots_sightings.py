@@ -24,6 +24,7 @@ from compare.plots_style import (
     to_svg,
 )
 from compare.record import Record
+from compare.words import landmark_kinds, noun
 from graphslam.arrays import AnyArray
 from graphslam.estimate import Estimate
 from graphslam.geometry import Array
@@ -192,8 +193,8 @@ def _innovation_panel(ax: Axes, name: str, t: Array, nis: Array, dim: int) -> No
     ax.minorticks_off()
 
 
-def matches_per_line(record: Record) -> Plot | None:
-    """Returns right, wrong and unjudged matches of every map line; None without a map."""
+def matches_per_landmark(record: Record) -> Plot | None:
+    """Returns right, wrong and unjudged matches of every landmark; None without a map."""
     estimates = {n: e for n, e in record.estimates.items() if len(e.map)}
     if not estimates:
         return None
@@ -203,12 +204,13 @@ def matches_per_line(record: Record) -> Plot | None:
         _landmark_axis(ax, estimate)
         ax.set_title(name, loc="left", color=method_colour(name), weight="bold")
     counts = np.concatenate([record.match_counts(name) for name in estimates])
+    one, _ = noun(landmark_kinds(record.measurements))
     grid[-1][0].set_xlabel("landmark (number in the method's map.csv)")
     return Plot(
         "matches",
-        "Matches per line",
-        "Sightings that each method gave to each of its landmarks. Right: the sighting's true line "
-        "is the one that most of the landmark's sightings are of; wrong: it is another; not "
+        f"Matches per {one}",
+        "Sightings that each method gave to each of its landmarks. Right: the sighting's true "
+        f"{one} is the one that most of the landmark's sightings are of; wrong: it is another; not "
         "judged: it is not known.",
         to_svg(made, "matches", "Right and wrong matches of every landmark"),
         {

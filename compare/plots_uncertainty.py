@@ -69,7 +69,7 @@ def variances(record: Record) -> Plot:
         "Pose and its variance over time",
         "Above: x and y in metres and heading in degrees, floor frame, not aligned; below: the "
         "variance that each method claims, in square metres and square degrees, on a logarithmic "
-        "axis. A filter's variance falls when a line is seen again; a smoother's is low "
+        "axis. A filter's variance falls when something is seen again; a smoother's is low "
         f"throughout, as every pose uses the whole run. Time from the first node.{shaded}",
         to_svg(made, "variance", "Pose and variance over time"),
         drawn,

@@ -17,6 +17,7 @@ from compare.report_quality import lines_per_node, most_seen_line, within_limits
 from compare.report_replay import REPLAY_NOTE, replay_json
 from compare.report_summary import summary
 from compare.results import write_csv
+from compare.words import landmark_kinds, noun
 from graphslam.errors import BadConfig
 
 SCRIPTS = ("pages.js", "drawing.js", "replay.js")
@@ -58,6 +59,8 @@ def write_report(record: Record, folder: Path) -> None:
         if table is not None:
             table["methods"] = [method_entry(name) for name in table["methods"]]
     script = "\n".join(source(name) for name in SCRIPTS)
+    kinds = landmark_kinds(record.measurements)
+    seen = noun(kinds)
     html = template("report.html").render(
         name=record.info["log"]["name"],
         digest=record.info["log"]["digest"],
@@ -65,7 +68,10 @@ def write_report(record: Record, folder: Path) -> None:
         facts=tables.facts(record),
         verdict=record.metrics["verdict"],
         methods=[method_entry(name) for name in record.estimates],
-        summary=summary(record.metrics),
+        summary=summary(record.metrics, seen),
+        seen=seen,
+        lines="line" in kinds,
+        nothing=tables.nothing_judged(record),
         landmarks=landmarks,
         matching=matching,
         points=points,

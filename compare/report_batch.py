@@ -23,7 +23,7 @@ EACH_LOG = {"aligned_rmse_m": "path", "map_rmse_m": "map", "pose_nees": "NEES"}
 EACH_LOG_CLAIMED = {
     "position_sigma_m": "path σ",
     "last_position_sigma_m": "last σ",
-    "landmarks": "lines",
+    "landmarks": "landmarks",
 }
 """Figures in the table of logs and what they are called there: with truth in any of them, and
 without."""

@@ -14,7 +14,7 @@ class Figure:
     """One row of the summary.
 
     Attributes:
-        label: what it is, with its unit.
+        label: what it is, with its unit; {one} and {several} stand for what was seen.
         path: keys that lead to it in a method's part of metrics.json.
         scale: factor from there to the unit of the label.
         best: which value is the best one.
@@ -59,11 +59,16 @@ SUMMARY: tuple[tuple[str, str, str, tuple[Figure, ...]], ...] = (
     ),
     (
         "maps",
+        "In the map",
+        "",
+        (Figure("{several}", ("landmarks",), best=None),),
+    ),
+    (
+        "maps",
         "Lines",
         "",
         (
-            Figure("landmarks in the map, of all kinds", ("landmarks",), best=None),
-            Figure("lines seen in truth", ("map", "true_lines_seen"), best=None),
+            Figure("seen in truth", ("map", "true_lines_seen"), best=None),
             Figure("matched", ("map", "matched"), best=max),
             Figure("missed", ("map", "missed")),
             Figure("spurious", ("map", "spurious")),
@@ -93,8 +98,8 @@ SUMMARY: tuple[tuple[str, str, str, tuple[Figure, ...]], ...] = (
         (
             Figure("used", ("sightings_used",), best=None),
             Figure("matched rightly (%)", ("matching", "right_share"), 100.0, max),
-            Figure("of true lines, taken for nothing", ("matching", "missed")),
-            Figure("landmarks beyond one a line", ("matching", "needless")),
+            Figure("of true {several}, taken for nothing", ("matching", "missed")),
+            Figure("landmarks beyond one a {one}", ("matching", "needless")),
         ),
     ),
     (
@@ -120,14 +125,20 @@ SUMMARY: tuple[tuple[str, str, str, tuple[Figure, ...]], ...] = (
 )
 
 
-def summary(metrics: Mapping[str, Any]) -> list[dict[str, Any]]:
+def summary(metrics: Mapping[str, Any], seen: tuple[str, str]) -> list[dict[str, Any]]:
     """Returns the groups of the table of methods, and the page each belongs to.
 
     Groups without any figure are left out.
+
+    Args:
+        metrics: content of metrics.json.
+        seen: what landmarks are called, one and several.
     """
+    one, several = seen
     groups = []
     for page, title, note, figures in SUMMARY:
         rows = [_summary_row(figure, metrics["methods"]) for figure in figures]
+        rows = [{**row, "label": row["label"].format(one=one, several=several)} for row in rows]
         rows = [row for row in rows if any(cell["text"] != DASH for cell in row["cells"])]
         if rows:
             groups.append({"page": page, "title": title, "note": note, "rows": rows})

@@ -10,6 +10,7 @@ import numpy as np
 
 from compare.pages import method_entry
 from compare.record import Record
+from compare.words import landmark_kinds, noun
 
 DASH = "–"
 
@@ -86,20 +87,35 @@ def points(record: Record) -> dict[str, Any] | None:
         if any(found):
             known = [fixed(value, 3) for value in truth.points[i].tolist()]
             cells = [_point_cells(row) for row in found]
-            rows.append({"line": f"{truth.point_kind[i]} {name}", "truth": known, "methods": cells})
+            one = noun([truth.point_kind[i]])[0]
+            rows.append({"line": f"{one} {name}", "truth": known, "methods": cells})
     extra = [[p for p in f["points"] if p["status"] != "matched"] for f in maps.values()]
     for k in range(max(map(len, extra))):
         found = [rest[k] if k < len(rest) else None for rest in extra]
         cells = [_point_cells(row) for row in found]
         rows.append({"line": "extra", "truth": [DASH, DASH], "methods": cells})
+    one, several = noun({p["kind"] for f in maps.values() for p in f["points"]})
     return {
+        "one": one,
+        "several": several,
         "methods": list(maps),
         "headings": ["x (m)", "y (m)", "Δx ± σ (mm)", "Δy ± σ (mm)", "seen"],
         "rows": rows,
         "caption": "Truth’s frame, moved so that the true path begins at the start, no further "
         "alignment. Δ: estimate minus truth, with the method’s own σ. Seen: sightings behind the "
-        "point. Extra: points that are duplicates or no true ones.",
+        f"{one}. Extra: {several} that are duplicates or no true ones.",
     }
+
+
+def nothing_judged(record: Record) -> str:
+    """Returns why there is no table of landmarks."""
+    if not any(len(estimate.map) for estimate in record.estimates.values()):
+        return "No method has a landmark in its map."
+    several = noun(landmark_kinds(record.measurements))[1]
+    return (
+        f"The {several} were known beforehand, or nothing tells where they truly are: the maps "
+        "cannot be judged."
+    )
 
 
 def _point(figures: Any, kind: str, name: int) -> Mapping[str, Any] | None:

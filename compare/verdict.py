@@ -14,10 +14,10 @@ from compare.verdict_methods import (
     beaten_by_odometry,
     cautions,
     honesty,
-    line_counts,
+    landmark_counts,
     right_matches,
 )
-from compare.words import listed, metres
+from compare.words import listed, metres, noun
 from graphslam.estimate import Unobserved
 
 WORTH_SHARE = 0.20
@@ -41,7 +41,7 @@ class Finding:
     """One quantity in which filter and smoother were compared.
 
     Attributes:
-        quantity: "path", "last pose" or "map".
+        quantity: "path", "last pose", "map", or "map of points".
         better: which of them has the better one; "neither" where the difference does not matter;
             None where not both have a figure.
         sentence: the figures in words.
@@ -64,7 +64,7 @@ def verdict(comparison: Comparison) -> tuple[str, ...]:
     findings = tuple(_judged_findings(methods, pair) if judged else _sigma_findings(methods, pair))
     noise = noise_sentence(comparison)
     return (
-        *_neither(methods, pair),
+        *_neither(methods, pair, comparison.kinds),
         *_headline(methods, findings, pair, judged),
         *([] if judged else [NO_TRUTH]),
         *(finding.sentence for finding in findings),
@@ -73,7 +73,7 @@ def verdict(comparison: Comparison) -> tuple[str, ...]:
         *_causal_counterparts(methods, pair),
         *_agreements(comparison.agreement, pair),
         *beaten_by_odometry(methods),
-        *line_counts(methods),
+        *landmark_counts(methods),
         *right_matches(methods),
         *honesty(methods),
         *cautions(methods),
@@ -125,18 +125,25 @@ def _across(m: MethodMetrics, direction: Unobserved) -> float:
     return math.sqrt(max(m.last_position_sigma_m**2 - direction.sigma**2, 0.0))
 
 
-def _neither(methods: Sequence[MethodMetrics], pair: Pair | None) -> Iterator[str]:
+def _neither(
+    methods: Sequence[MethodMetrics], pair: Pair | None, kinds: Sequence[str]
+) -> Iterator[str]:
     """Yields that no method helps, where all share a direction that no sighting fixes."""
     direction = first_of_all(methods)
     if pair is None or direction is None:
         return
     angle, across = direction.angle_deg, _across(pair[1], direction)
+    one, several = noun(kinds)
+    first, where, cure = f"before more {several} are seen", "floor frame", f"{several} elsewhere"
+    if "line" in kinds:
+        sigma = f"± {pair[1].direction_sigma_deg:.2g}° for one sigma"
+        first = "before adding a second line direction"
+        where = f"floor frame, {sigma}; it is the way that the lines run"
+        cure = f"lines with normals along {angle:.0f}°"
     yield (
-        f"Do neither before adding a second line direction: along {angle:.0f}° (floor frame, "
-        f"± {pair[1].direction_sigma_deg:.2g}° for one sigma; it is the way that the lines run) "
-        f"no line fixes the position, and the last one is known to {metres(direction.sigma)} "
-        f"there, to {metres(across)} across. Filter and smoother share this; lines with "
-        f"normals along {angle:.0f}° end it. (It counts from a ratio of {OPEN_RATIO:g} on.)"
+        f"Do neither {first}: along {angle:.0f}° ({where}) no {one} fixes the position, and the "
+        f"last one is known to {metres(direction.sigma)} there, to {metres(across)} across. Filter "
+        f"and smoother share this; {cure} end it. (It counts from a ratio of {OPEN_RATIO:g} on.)"
     )
 
 
@@ -203,6 +210,19 @@ def _judged_findings(methods: Sequence[MethodMetrics], pair: Pair | None) -> Ite
                     f" With fewer lines missed, spurious or double the {better}'s is better."
                 )
         yield Finding("map", better, sentence)
+    yield from _point_findings(methods, pair)
+
+
+def _point_findings(methods: Sequence[MethodMetrics], pair: Pair | None) -> Iterator[Finding]:
+    """Yields how the maps of points compare; the path's frame, so that few points are enough."""
+    points = {m.method: m.points for m in methods if m.points is not None and m.points.matched}
+    if not points:
+        return
+    kinds = {kind for figures in points.values() for kind in figures.points.kind}
+    several = noun(kinds)[1]
+    off = {name: figures.unaligned_rmse_m for name, figures in points.items()}
+    what = f"Map of {several} (RMS distance from the true ones, from the common start)"
+    yield _finding(f"map of {several}", what, off, pair)
 
 
 def _sigma_findings(methods: Sequence[MethodMetrics], pair: Pair | None) -> Iterator[Finding]:

@@ -6,7 +6,9 @@ from collections.abc import Iterator, Sequence
 
 from compare.comparison import MethodMetrics
 from compare.consistency import band
-from compare.words import listed, metres
+from compare.maps import MapMetrics
+from compare.points import PointMetrics
+from compare.words import capital, listed, metres, noun
 from graphslam.elsewhere import OTHER_PLACES
 from graphslam.ending import GAP_M
 from graphslam.estimate import LOOP_OPEN, Unobserved
@@ -25,19 +27,19 @@ def beaten_by_odometry(methods: Sequence[MethodMetrics]) -> Iterator[str]:
             yield f"The path of {m.method} is worse than odometry alone: do not use it as it is."
 
 
-def line_counts(methods: Sequence[MethodMetrics]) -> Iterator[str]:
-    """Yields how many lines each map has, methods with the same counts together."""
+def landmark_counts(methods: Sequence[MethodMetrics]) -> Iterator[str]:
+    """Yields how many landmarks each map has, methods with the same counts together."""
     texts: dict[str, list[str]] = {}
     for m in methods:
         if m.map is not None:
-            texts.setdefault(_line_count(m), []).append(m.method)
+            texts.setdefault(_line_count(m.map), []).append(m.method)
+        if m.points is not None:
+            texts.setdefault(_point_count(m.points), []).append(m.method)
     for text, names in texts.items():
         yield f"{listed(names)}: {text}."
 
 
-def _line_count(m: MethodMetrics) -> str:
-    figures = m.map
-    assert figures is not None
+def _line_count(figures: MapMetrics) -> str:
     if figures.true_lines_seen is None:
         text = f"{figures.matched} true lines mapped (nothing tells how many were to be seen)"
     else:
@@ -46,6 +48,13 @@ def _line_count(m: MethodMetrics) -> str:
     if figures.unseen:
         text += f", and {figures.unseen} that hardly came into view"
     return text
+
+
+def _point_count(figures: PointMetrics) -> str:
+    return (
+        f"{figures.matched} of {figures.true_points_seen} seen {noun({*figures.points.kind})[1]} "
+        f"mapped, {figures.duplicates or 'none'} twice, {figures.spurious or 'none'} spurious"
+    )
 
 
 def right_matches(methods: Sequence[MethodMetrics]) -> Iterator[str]:
@@ -156,12 +165,8 @@ def _ways(methods: Sequence[MethodMetrics]) -> Iterator[str]:
             sigmas = listed([f"{metres(entry.sigma)} by {name}" for name, entry in entries])
             known = f"the position is known to {sigmas} at worst"
         yield (
-            f"{_capital(str(way.stretch))}: odometry drifts by {metres(way.sigma_odometry)} there "
+            f"{capital(str(way.stretch))}: odometry drifts by {metres(way.sigma_odometry)} there "
             f"(one sigma), and {known}."
         )
     if len(ranked) > MOST_WAYS:
         yield f"There are {len(ranked) - MOST_WAYS} more such ways of {GAP_M:g} m and more."
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]

@@ -20,6 +20,7 @@ class Model(Protocol):
         dim_z: length d of a sighting.
         dim_landmark: length l of a landmark's parameters; 0 for sensors without landmarks.
         angular: for each entry of the residual, whether it is an angle (rad) or a length (m).
+        noun: what texts call what it sees: one, and several.
     """
 
     @property
@@ -30,6 +31,8 @@ class Model(Protocol):
     def dim_landmark(self) -> int: ...
     @property
     def angular(self) -> tuple[bool, ...]: ...
+    @property
+    def noun(self) -> tuple[str, str]: ...
 
     def residual(self, pose: Array, landmark: Array, z: Array) -> tuple[Array, Array, Array]:
         """Returns ``e`` (..., d), ``J_e_pose`` (..., d, 3) and ``J_e_landmark`` (..., d, l).

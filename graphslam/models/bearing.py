@@ -65,6 +65,7 @@ class BearingModel:
     dim_z: int = 1
     dim_landmark: int = 2
     angular: tuple[bool, ...] = (True,)
+    noun: tuple[str, str] = ("point", "points")
 
     @property
     def kernel(self) -> Callable[..., None]:

@@ -63,6 +63,7 @@ class LampModel:
     dim_z: int = 3
     dim_landmark: int = 3
     angular: tuple[bool, ...] = (False, False, True)
+    noun: tuple[str, str] = ("lamp", "lamps")
 
     @property
     def kernel(self) -> Callable[..., None]:

@@ -64,6 +64,7 @@ class LineModel:
     dim_z: int = 2
     dim_landmark: int = 2
     angular: tuple[bool, ...] = (False, True)
+    noun: tuple[str, str] = ("line", "lines")
     linear_in: tuple[int, ...] = (0,)
 
     @property

@@ -17,6 +17,7 @@ class PoseFixModel:
     dim_z: int = 3
     dim_landmark: int = 0
     angular: tuple[bool, ...] = (False, False, True)
+    noun: tuple[str, str] = ("pose", "poses")
 
     def residual(self, pose: Array, landmark: Array, z: Array) -> tuple[Array, Array, Array]:
         """Returns ``pose - z`` with the angle wrapped, and the identity as its Jacobian.

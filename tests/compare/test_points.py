@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,12 +12,14 @@ import pytest
 from compare import compare
 from compare.cli import main
 from compare.record import Record
+from compare.verdict import verdict
 from frontend.extract import extract
 from frontend.readers.point_tables import read_landmarks
 from frontend.simulate import load_scenario, simulate, simulate_log
 from graphslam.ekf import run_ekf
 from graphslam.estimate import Estimate
 from graphslam.measurements import LandmarkMap, Measurements
+from graphslam.smoother import smooth
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +73,22 @@ def test_known_points_are_not_judged(outdoors) -> None:
     assert compare(log, known, [run_ekf(known)])["ekf"].points is None
 
 
+def test_the_verdict_says_what_was_seen_and_how_good_its_map_is(outdoors) -> None:
+    log, measurements, filtered = outdoors
+    judged = compare(log, measurements, [filtered, smooth(measurements, filtered)])
+    assert judged.kinds == ("bearing",)
+    texts = verdict(judged)
+    assert any(text.startswith("Map of points (RMS distance from the true") for text in texts)
+    assert "ekf and smoother: 9 of 9 seen points mapped, none twice, none spurious." in texts
+    assert "map of points" in texts[0]
+    assert not any("line" in text for text in texts)
+    lamps = replace(
+        judged["ekf"].points, points=replace(judged["ekf"].points.points, kind=("lamp",) * 9)
+    )
+    of_lamps = replace(judged, methods=(replace(judged["ekf"], points=lamps),), kinds=("lamp",))
+    assert "ekf: 9 of 9 seen lamps mapped, none twice, none spurious." in verdict(of_lamps)
+
+
 def test_a_run_writes_its_points_for_another_log_and_shows_them(tmp_path: Path) -> None:
     scenario = replace(load_scenario("cones-outdoors"), repeat=1)
     log = simulate(scenario, tmp_path / "log", seed=1, images=False)
@@ -91,7 +110,9 @@ def test_a_run_writes_its_points_for_another_log_and_shows_them(tmp_path: Path) 
     assert plan.count("smoother,point,") == 9
     report = (out / "report.html").read_text()
     assert "<h3>Points</h3>" in report
-    assert "bearing 8" in report
+    assert "point 8" in report
+    said = re.sub(r"(?s)<(script|style|svg).*?</\1>", "", report)
+    assert not re.search(r"(?i)\bline", said)  # none was seen
     # the map of one run is the known map of another
     (log / "landmarks.csv").write_bytes((out / "smoother" / "landmarks.csv").read_bytes())
     assert main(["run", str(log), "--out", str(tmp_path / "known"), "--methods", "ekf"]) == 0

@@ -18,7 +18,7 @@ import pytest
 
 from compare.config import RunConfig
 from compare.pages import source
-from compare.plots_sightings import matches_per_line
+from compare.plots_sightings import matches_per_landmark
 from compare.plots_style import METHOD_COLOURS, MOST_POINTS, stride, style
 from compare.record import Record
 from compare.report import rebuild_report, write_report
@@ -301,7 +301,7 @@ def test_a_wrong_match_is_counted_and_drawn(record: Record) -> None:
     before, after = record.match_counts("ekf")[0], wrong.match_counts("ekf")[0]
     assert (after - before).tolist() == [-2, 1, 1]
     with style():
-        plots = [matches_per_line(record), matches_per_line(wrong)]
+        plots = [matches_per_landmark(record), matches_per_landmark(wrong)]
     assert plots[0] != plots[1]
 
 
@@ -335,7 +335,7 @@ def test_fixed_numbers_have_no_negative_zero() -> None:
 def test_the_best_of_a_row_is_marked_only_where_methods_differ() -> None:
     path = {"rmse_m": 0.1, "final_error_m": 0.2, "heading_rmse_deg": 1.0}
     methods = {"a": {"trajectory": path}, "b": {"trajectory": path | {"rmse_m": 0.05}}}
-    rows = summary({"methods": methods})[0]["rows"]
+    rows = summary({"methods": methods}, ("line", "lines"))[0]["rows"]
     assert [[cell["best"] for cell in row["cells"]] for row in rows] == [
         [False, True],
         [False, False],

@@ -253,6 +253,11 @@ def test_lines_of_one_direction_are_to_be_crossed_before_any_method_is_chosen() 
     assert f"± {judged['smoother'].direction_sigma_deg:.2g}° for one sigma" in texts[0]
     assert "no line fixes the position" in texts[0]
     assert "(It counts from a ratio of 3 on.)" in texts[0]
+    lamps = verdict(replace(judged, kinds=("lamp",)))[0]
+    assert lamps.startswith("Do neither before more lamps are seen: along 9")
+    assert "no lamp fixes the position" in lamps
+    both = verdict(replace(judged, kinds=("line", "lamp")))[0]
+    assert "no landmark fixes the position" in both
 
 
 def test_crossing_lines_leave_the_choice_to_the_figures() -> None:

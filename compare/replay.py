@@ -1,4 +1,4 @@
-"""What a run keeps of its images: thumbnails at some nodes, and the lines seen in them."""
+"""What a run keeps of its images: thumbnails at some nodes, and what was seen in them."""
 
 from __future__ import annotations
 
@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from compare.arrays import freeze_arrays
-from frontend.camera import Camera
 from frontend.log import Log
+from frontend.strokes import KINDS, shown, strokes
 from graphslam.arrays import load_arrays, save_arrays
 from graphslam.errors import BadMeasurements
 from graphslam.estimate import Estimate
-from graphslam.geometry import Array, points_on_line
-from graphslam.measurements import IntArray, Measurements, Sightings
-from graphslam.models.line import LINE
+from graphslam.geometry import Array
+from graphslam.measurements import IntArray, Measurements
 
 THUMBNAIL_WIDTH = 200
 """Pixels."""
@@ -28,16 +27,18 @@ WORST = 8
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """Thumbnails of some of the run's images, without lens distortion, and lines drawn in them.
+    """Thumbnails of some of the run's images, and strokes for what was seen in them.
+
+    Those of the floor are without the distortion of the lens.
 
     Attributes:
         node: (F,) node of each, not decreasing.
         name: (F,) its file, from the log's folder.
         size: (F, 2) width and height, pixels.
         jpeg: (F,) the image.
-        frame: (S,) which of them shows each line.
-        sighting: (S,) the line's row over all tables of sightings.
-        ends: (S, 2, 2) where it begins and ends, pixels from the image's upper left corner.
+        frame: (S,) which of them shows each sighting.
+        sighting: (S,) its row over all tables of sightings.
+        ends: (S, 2, 2) where its stroke begins and ends, pixels from the image's upper left corner.
     """
 
     node: IntArray
@@ -110,7 +111,7 @@ def take_frames(
     node = np.searchsorted(measurements.t, log.images.t[chosen])
     size = np.array([(p.width, p.height) for p in pictures.values()], np.int64)
     jpeg = tuple(picture.jpeg for picture in pictures.values())
-    frame, sighting, ends = _lines_in(log, measurements, chosen, node, size)
+    frame, sighting, ends = _strokes_in(log, measurements, chosen, size)
     names = (log.images.name(number, log.folder) for number in pictures)
     return Frames(node, tuple(names), size, jpeg, frame, sighting, ends)
 
@@ -136,12 +137,12 @@ def sighting_nodes(measurements: Measurements) -> IntArray:
 def _chosen(log: Log, measurements: Measurements, estimates: Mapping[str, Estimate]) -> IntArray:
     """Returns image numbers in the order of time, at most one a node of those spread evenly."""
     assert log.images is not None
-    numbers = log.images_of("floor")
+    numbers = np.unique(np.concatenate([log.images_of(where) for where in KINDS]))
     numbers = numbers[np.isin(log.images.t[numbers], measurements.t)]
     source = np.concatenate([np.zeros(0, np.int64), *(t.source for _, t in measurements.tables())])
-    lines = np.bincount(source[source >= 0], minlength=len(log.images.t))[numbers]
+    count = np.bincount(source[source >= 0], minlength=len(log.images.t))[numbers]
     node = np.searchsorted(measurements.t, log.images.t[numbers])
-    order = np.lexsort((-lines, node))  # of one node's images the one that shows most
+    order = np.lexsort((-count, node))  # of one node's images the one that shows most
     best = numbers[order[np.unique(node[order], return_index=True)[1]]]
     even = best[np.unique(np.linspace(0, len(best) - 1, min(len(best), MOST_FRAMES)).astype(int))]
     worst = [source[worst_sightings(measurements, estimate)] for estimate in estimates.values()]
@@ -150,38 +151,19 @@ def _chosen(log: Log, measurements: Measurements, estimates: Mapping[str, Estima
     return np.asarray(chosen[np.argsort(log.images.t[chosen], kind="stable")])
 
 
-def _lines_in(
-    log: Log, measurements: Measurements, chosen: IntArray, node: IntArray, size: IntArray
+def _strokes_in(
+    log: Log, measurements: Measurements, chosen: IntArray, size: IntArray
 ) -> tuple[IntArray, IntArray, Array]:
-    """Returns frame, row and ends (S, 2, 2) of all line sightings that the chosen images show."""
+    """Returns frame, row and ends (S, 2, 2) of all sightings that the chosen images show."""
     assert log.images is not None
-    floor = log.looking_at("floor")
     frames, rows, ends = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros((0, 2, 2))]
     for first, table in measurements.tables():
-        if table.kind != LINE.kind:
-            continue
-        starts = table.starts(len(measurements.t))
         for i, number in enumerate(chosen.tolist()):
-            camera = floor.get(log.images.camera[number])
-            here = np.arange(*starts[node[i] : node[i] + 2])
-            here = here[np.isin(table.source[here], (number, -1))]
-            if camera is None or not len(here):
+            camera = log.cameras.get(log.images.camera[number])
+            if camera is None or KINDS.get(camera.looks_at) != table.kind:
                 continue
-            shown, pixels = _in_image(camera, table, here)
-            rows.append(first + shown)
-            frames.append(np.full(len(shown), i))
+            seen, pixels = strokes(camera, table, shown(log, measurements, table, number))
+            rows.append(first + seen)
+            frames.append(np.full(len(seen), i))
             ends.append((pixels + 0.5) * size[i] / camera.image_size)
     return np.concatenate(frames), np.concatenate(rows), np.concatenate(ends)
-
-
-def _in_image(camera: Camera, table: Sightings, rows: IntArray) -> tuple[IntArray, Array]:
-    """Returns which sightings are in view, and the pixels (n, 2, 2) of the ends of each."""
-    view, extent = camera.visible_stretch(table.z[rows]), table.extent[rows]
-    stretch = np.column_stack(
-        [np.fmax(view[:, 0], extent[:, 0]), np.fmin(view[:, 1], extent[:, 1])]
-    )
-    inside = np.isfinite(view[:, 0]) & (stretch[:, 0] < stretch[:, 1])
-    rows = rows[inside]
-    pixels = camera.floor_to_pixel(points_on_line(table.z[rows][:, None], stretch[inside]))
-    known = np.isfinite(pixels).all(axis=(1, 2))
-    return rows[known], pixels[known]

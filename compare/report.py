@@ -71,6 +71,7 @@ def write_report(record: Record, folder: Path) -> None:
         summary=summary(record.metrics, seen),
         seen=seen,
         lines="line" in kinds,
+        true_points=len(record.true_points) > 0,
         nothing=tables.nothing_judged(record),
         landmarks=landmarks,
         matching=matching,

@@ -11,8 +11,10 @@ import numpy as np
 from compare.plots_plan import plan_bounds, stretches
 from compare.plots_points import ELLIPSE_SCALE, ellipses
 from compare.plots_style import method_colour, stride, themed
+from compare.points import point_rows
 from compare.record import Record
 from compare.replay import Frames, sighting_nodes
+from compare.words import landmark_kinds, noun
 from graphslam.estimate import Estimate
 from graphslam.geometry import TAU, Array
 from graphslam.measurements import IntArray
@@ -33,7 +35,7 @@ def replay_json(record: Record) -> str:
     """Returns the replay's data as JSON that may stand inside a <script> element.
 
     Lengths are metres, angles degrees, times seconds from the first node. Angles of ellipses are
-    those of their first half axis. Lines come with the node that saw them first.
+    those of their first half axis. Landmarks come with the node that saw them first.
     """
     content = _content(record)
     text = json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
@@ -54,6 +56,8 @@ def _content(record: Record) -> dict[str, Any]:
         "box": rounded(np.concatenate([low, high]), 3),
         "truth": _poses(record.true_pose[moments]) if record.has_true_pose else None,
         "true_lines": _true_lines(record, low, high),
+        "true_points": rounded(record.true_points, 3),
+        "several": noun(landmark_kinds(record.measurements))[1],
         "methods": [
             _method(record, name, estimate, moments) for name, estimate in record.estimates.items()
         ],
@@ -77,21 +81,29 @@ def _method(record: Record, name: str, estimate: Estimate, moments: IntArray) ->
         "half": [rounded(half[:, 1], 5), rounded(half[:, 0], 5)],
         "angle": rounded(DEGREES * angle + 90.0, 1),
         "heading95": rounded(DEGREES * NORMAL_95 * np.sqrt(cov[:, 2, 2]), 3),
-        "lines": _lines(record, estimate),
+        **_landmarks(record, estimate),
     }
 
 
-def _lines(record: Record, estimate: Estimate) -> list[list[Any]]:
-    """Returns number, first node and ends (x, y, x, y) of every line with a known stretch."""
+def _landmarks(record: Record, estimate: Estimate) -> dict[str, list[list[Any]]]:
+    """Returns number, first node and ends (x, y, x, y) of every line with a known stretch.
+
+    And number, first node and place (x, y) of every point.
+    """
     used = np.flatnonzero((estimate.match >= 0) & estimate.used)
     first = np.full(len(estimate.map), len(estimate.t))
     np.minimum.at(first, estimate.match[used], sighting_nodes(record.measurements)[used])
     rows, _ = estimate.map.of_kind("line")
-    return [
-        [int(estimate.map.id[row]), int(first[row]), *rounded(ends.ravel(), 3)]
-        for row, ends in zip(rows.tolist(), stretches(estimate), strict=True)
-        if np.isfinite(ends).all()
-    ]
+    places = [*zip(rows.tolist(), stretches(estimate).reshape(-1, 4), strict=True)]
+    points = point_rows(estimate.map).tolist()
+
+    def told(row: int, place: Array) -> list[Any]:
+        return [int(estimate.map.id[row]), int(first[row]), *rounded(place, 3)]
+
+    return {
+        "lines": [told(row, ends) for row, ends in places if np.isfinite(ends).all()],
+        "points": [told(row, estimate.map.params[row, :2]) for row in points],
+    }
 
 
 def _true_lines(record: Record, low: Array, high: Array) -> list[list[float | None]]:

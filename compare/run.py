@@ -124,7 +124,8 @@ def extract_log(
     if overlay is not None:
         tell = clock.inside("overlay")
         with writing(Path(overlay)):
-            clock("overlay", lambda: write_overlays(log, measurements, Path(overlay), tell))
+            to, settings = Path(overlay), config.extract
+            clock("overlay", lambda: write_overlays(log, measurements, to, tell, settings))
     return RunResult(out, log, measurements, {}, None, tuple(info["warnings"]))
 
 

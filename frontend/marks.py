@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,13 +13,13 @@ from frontend.images import read_bgr, undistorted
 from frontend.log import Log
 from frontend.overhead import OverheadCamera
 from frontend.plausible import CONTRADICTED
-from graphslam.geometry import Array, points_on_line, transform_points
-from graphslam.measurements import Measurements, Sightings
+from frontend.strokes import KINDS, shown, strokes
+from graphslam.geometry import Array, transform_points
+from graphslam.measurements import Measurements
+from graphslam.models import MODELS
 
 RING_PX = 7.0
 """Radius of the circle around a point that was found, pixels."""
-AXIS_M = 0.3
-"""Half the length of the stroke along a lamp's axis, m."""
 NOSE = 2.2
 """How far beyond the front tag the arrow of a heading points, times the tags' distance."""
 
@@ -90,32 +89,22 @@ def shot_of(log: Log, measurements: Measurements, number: int, config: ExtractCo
     return Shot(t, number, name, log.images.name(number, log.folder), tuple(marks), note)
 
 
-def _rows(log: Log, measurements: Measurements, kind: str, number: int) -> Iterator[tuple]:  # type: ignore[type-arg]
-    """Yields z and extent of the sightings of a kind that an image shows.
-
-    Those of the image where they name it, else those of its time.
-    """
-    assert log.images is not None
-    table: Sightings | None = measurements.sightings.get(kind)
-    if table is None:
-        return
-    at = measurements.t[table.node] == log.images.t[number]
-    mine = at & ((table.source == number) | (table.source < 0))
-    yield from zip(table.z[mine], table.extent[mine], strict=True)
-
-
-def _lines(
+def _strokes(
     log: Log, measurements: Measurements, number: int, config: ExtractConfig
 ) -> tuple[list[Mark], str]:
+    """Returns a stroke for each line, lamp or direction; lamps with their middle."""
     assert log.images is not None
-    camera, marks = log.cameras[log.images.camera[number]], []
-    for z, extent in _rows(log, measurements, "line", number):
-        view = camera.visible_stretch(z)[0]
-        low, high = np.fmax(view[0], extent[0]), np.fmin(view[1], extent[1])
-        ends = camera.floor_to_pixel(points_on_line(z, np.array([low, high])))
-        if low < high and np.isfinite(ends).all():
-            marks.append(Mark(ends, True))
-    return marks, f"lines: {len(marks)}"
+    camera = log.cameras[log.images.camera[number]]
+    table = measurements.sightings.get(KINDS[camera.looks_at])
+    several = MODELS[KINDS[camera.looks_at]].noun[1]
+    if table is None:
+        return [], f"{several}: 0"
+    rows, ends = strokes(camera, table, shown(log, measurements, table, number))
+    marks = [Mark(pair, True) for pair in ends]
+    if camera.looks_at == "ceiling":
+        middle = camera.distort(camera.floor_to_pixel(table.z[rows, :2]))
+        marks += [Mark(point[None], True) for point in middle]
+    return marks, f"{several}: {len(rows)}"
 
 
 def _tags(
@@ -123,7 +112,8 @@ def _tags(
 ) -> tuple[list[Mark], str]:
     assert log.images is not None
     eye = log.cameras[log.images.camera[number]]
-    fixes = [z for z, _ in _rows(log, measurements, "pose_fix", number)]
+    table = measurements.sightings.get("pose_fix")
+    fixes = [] if table is None else [*table.z[shown(log, measurements, table, number)]]
     if log.pose_fixes is not None:  # measured by someone else: show where they put the tags
         return [mark for pose in fixes for mark in _robot(eye, pose, True)], f"poses: {len(fixes)}"
     seen = look(log, number, config)
@@ -149,32 +139,5 @@ def _robot(eye: OverheadCamera, pose: Array, used: bool) -> list[Mark]:
     return [Mark(pixels[:1], used), Mark(pixels[1:2], used), stroke]
 
 
-def _bearings(
-    log: Log, measurements: Measurements, number: int, config: ExtractConfig
-) -> tuple[list[Mark], str]:
-    assert log.images is not None
-    camera = log.cameras[log.images.camera[number]]
-    near, far = camera.ring_px or (0.0, 0.5 * min(camera.image_size))
-    marks = [
-        Mark(camera.pixels(np.full(2, z[0]), np.array([near, far])), True)
-        for z, _ in _rows(log, measurements, "bearing", number)
-    ]
-    return marks, f"bearings: {len(marks)}"
-
-
-def _lamps(
-    log: Log, measurements: Measurements, number: int, config: ExtractConfig
-) -> tuple[list[Mark], str]:
-    assert log.images is not None
-    camera, marks = log.cameras[log.images.camera[number]], []
-    for z, _ in _rows(log, measurements, "lamp", number):
-        along = AXIS_M * np.array([[np.cos(z[2]), np.sin(z[2])]])
-        ends = np.vstack([z[:2] - along, z[:2] + along])
-        pixels = camera.distort(camera.floor_to_pixel(np.vstack([z[None, :2], ends])))
-        if np.isfinite(pixels).all():
-            marks += [Mark(pixels[:1], True), Mark(pixels[1:], True)]
-    return marks, f"lamps: {len(marks) // 2}"
-
-
-LOOKERS = {"floor": _lines, "overhead": _tags, "ceiling": _lamps, "omni": _bearings}
+LOOKERS = {"floor": _strokes, "overhead": _tags, "ceiling": _strokes, "omni": _strokes}
 """By where a camera looks: what tells the marks of its images."""

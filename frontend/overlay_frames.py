@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
+from frontend.config import ExtractConfig
 from frontend.images import read_grey, undistorted
 from frontend.log import Log
 from frontend.overlay import COLOURS, Picture, caption, draw_lines, write_picture
+from frontend.strokes import KINDS
 from graphslam.errors import BadConfig
 from graphslam.geometry import Array, points_on_line
-from graphslam.measurements import Measurements
+from graphslam.measurements import IntArray, Measurements
 
 HEIGHT = 480  # pixels of a frame's picture, and of the floor's beside it
 GRID_M = 0.1  # distance of the thin lines on the floor, m
@@ -32,15 +34,13 @@ def check_overlays(log: Log, out: Path) -> None:
         log: to draw lines on.
         out: folder to write to; it may be absent.
     """
-    if log.sightings is not None and not len(log.images_of("ceiling")):
+    if log.sightings is not None and not len(_searched(log)):
         raise BadConfig(
             f"{log.name}: its lines are those of sightings.csv, not of its images, so there is "
             "nothing to draw; leave --overlay out, or sightings.csv"
         )
-    if not len(log.images_of("floor")) + len(log.images_of("ceiling")):
-        raise BadConfig(
-            f"{log.name}: has no images of floor or ceiling to draw on; leave --overlay out"
-        )
+    if not len(_searched(log)):
+        raise BadConfig(f"{log.name}: has no images that are searched; leave --overlay out")
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise BadConfig(f"{out}: is not an empty folder; choose another for the pictures")
 
@@ -50,18 +50,21 @@ def write_overlays(
     measurements: Measurements,
     out: Path,
     progress: Callable[[int, int], None] | None = None,
+    config: ExtractConfig | None = None,
 ) -> int:
     """Writes a picture ``<number>.jpg`` of each image that was searched; returns how many.
 
     On the left the frame, without lens distortion, with its lines along the stretches where they
     were seen. On the right the floor in view from above, x up and y to the left, robot frame. Of
-    the ceiling the frame as it was recorded, with centre and axis of its lamps.
+    the ceiling the frame as it was recorded, with centre and axis of its lamps; of other cameras
+    the frame with what `graphslam play` shows of it.
 
     Args:
         log: with images.
         measurements: what was extracted from it.
         out: folder to write to; it is made, and must be empty.
         progress: called with (pictures done, pictures in all).
+        config: how it was extracted; None for the defaults.
 
     Raises:
         BadConfig: as `check_overlays`.
@@ -69,38 +72,64 @@ def write_overlays(
     check_overlays(log, out)
     assert log.images is not None, "checked above"
     out.mkdir(parents=True, exist_ok=True)
-    floor = log.images_of("floor") if log.sightings is None else np.zeros(0, np.int64)
-    numbers = np.union1d(floor, log.images_of("ceiling"))
+    numbers = _searched(log)
     numbers = numbers[np.isin(log.images.t[numbers], measurements.t)]
     for done, number in enumerate(numbers.tolist(), start=1):
         image, t = log.images.file[number], float(log.images.t[number])
         grey = read_grey(image)
         if grey is not None:
             text = f"t = {t:.2f} s   {Path(image.name).name}"
-            picture = _picture(log, measurements, number, grey, text)
+            picture = _picture(log, measurements, number, grey, text, config)
             write_picture(out / f"{number:06d}.jpg", picture)
         if progress is not None:
             progress(done, len(numbers))
     return len(numbers)
 
 
+def _searched(log: Log) -> IntArray:
+    """Returns the numbers of the images that are opened: not of the floor where lines are given."""
+    numbers = log.searched_images()
+    return numbers if log.sightings is None else np.setdiff1d(numbers, log.images_of("floor"))
+
+
 def _picture(
-    log: Log, measurements: Measurements, number: int, grey: Picture, text: str
+    log: Log,
+    measurements: Measurements,
+    number: int,
+    grey: Picture,
+    text: str,
+    config: ExtractConfig | None,
 ) -> Picture:
-    """Returns the picture of one image of floor or ceiling."""
+    """Returns the picture of one image."""
     assert log.images is not None, "it is one of them"
-    name = log.images.camera[number]
-    camera = log.cameras[name]
-    upward = camera.looks_at == "ceiling"
-    table = measurements.sightings["lamp" if upward else "line"]
+    camera = log.cameras[log.images.camera[number]]
+    if camera.looks_at not in ("floor", "ceiling"):
+        return _marked(log, measurements, number, text, config or ExtractConfig())
+    table = measurements.sightings[KINDS[camera.looks_at]]
     rows = table.source == number
-    if upward:
+    if camera.looks_at == "ceiling":
         from frontend.lamp_pictures import lamp_picture
 
         text += f"   lamps: {np.count_nonzero(rows)}"
         return lamp_picture(grey, camera, table.z[rows], text)
     text += f"   lines: {np.count_nonzero(rows)}"
     return frame_picture(grey, camera, table.z[rows], table.extent[rows], text)
+
+
+def _marked(
+    log: Log, measurements: Measurements, number: int, text: str, config: ExtractConfig
+) -> Picture:
+    """Returns an image as it was recorded, with what was seen in it."""
+    from frontend.marks import picture_of, shot_of
+    from frontend.screen import draw_marks
+
+    recorded = picture_of(log, number)
+    assert recorded is not None, "it was read before"
+    scale = HEIGHT / recorded.shape[0]
+    picture = np.asarray(cv2.resize(recorded, None, fx=scale, fy=scale), np.uint8)
+    shot = shot_of(log, measurements, number, config)
+    draw_marks(picture, shot.marks, scale)
+    return caption(picture, f"{text}   {shot.note}")
 
 
 def frame_picture(grey: Picture, camera: Camera, z: Array, extent: Array, text: str) -> Picture:

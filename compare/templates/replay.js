@@ -38,6 +38,13 @@
       g.stroke();
     }
     g.setLineDash([]);
+    for (const [x, y] of data.true_points) {
+      const [u, v] = place(x, y);
+      g.beginPath();
+      g.moveTo(u, v - 6); g.lineTo(u + 5, v + 3); g.lineTo(u - 5, v + 3);
+      g.closePath();
+      g.stroke();
+    }
     if (data.truth) {
       g.lineWidth = 3;
       path(g, data.truth, place);
@@ -56,6 +63,13 @@
         const [u, v] = place((ax + bx) / 2, (ay + by) / 2);
         g.fillText(number, u + 5, v - 5);
       }
+    }
+    for (const [number, first, x, y] of m.points) {
+      if (first > data.node[now]) continue;
+      const bright = fresh.has(number), [u, v] = place(x, y);
+      g.globalAlpha = bright ? 1 : 0.65;
+      dot(g, u, v, bright ? 4.5 : 3);
+      if (bright) g.fillText(number, u + 7, v - 5);
     }
     g.globalAlpha = 1;
     g.lineWidth = 1.8;
@@ -137,7 +151,7 @@
       ["heading", `${fixed(m.theta[now], 1)}°`],
       ["95 % ellipse, half axes", `${+a} mm, ${+b} mm`],
       ["95 % of heading", `± ${+m.heading95[now].toPrecision(3)}°`],
-      ["lines so far", String(m.lines.filter((line) => line[1] <= data.node[now]).length)],
+      [`${data.several} so far`, String([...m.lines, ...m.points].filter((l) => l[1] <= data.node[now]).length)],
     ];
     if (off) facts.push(["error of position", `${+(1e3 * Math.hypot(...off)).toPrecision(3)} mm`]);
     find("facts").replaceChildren(...facts.map(([label, value]) => {

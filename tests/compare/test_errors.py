@@ -287,7 +287,7 @@ ERRORS = [
         lambda folder: write_file(folder / "pictures" / "precious.txt"),
     ),
     Case(
-        "has no images of floor or ceiling to draw on",
+        "has no images that are searched",
         (),
         {},
         (*EXTRACT, "--overlay", "DIR/pictures"),

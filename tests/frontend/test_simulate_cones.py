@@ -8,8 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from compare.replay import take_frames
+from frontend.config import ExtractConfig
 from frontend.extract import extract
+from frontend.image_cones import bearings_in_images
 from frontend.log import open_log
+from frontend.overlay_frames import write_overlays
 from frontend.simulate import (
     NoiseLevel,
     Scenario,
@@ -49,6 +53,26 @@ def test_images_and_bearings_csv_show_the_same_cones(short: Scenario, tmp_path: 
     assert seen.known is not None
     np.testing.assert_allclose(seen.known.params, [[0, 0], [0, 0.7], [1, 0]])
     assert seen.known.label.tolist() == [0, 1, 1]
+
+
+def test_thumbnails_and_overlays_show_where_each_cone_was_seen(
+    short: Scenario, tmp_path: Path
+) -> None:
+    log = open_log(simulate(short, tmp_path / "log", seed=3))
+    measurements = extract(log)
+    frames = take_frames(log, measurements, {})
+    assert frames is not None
+    assert len(frames.node) == len(measurements.t)
+    assert sorted(frames.sighting) == list(range(len(measurements.sightings["bearing"])))
+    found = bearings_in_images(log, log.images_of("omni"), ExtractConfig())
+    scale = frames.size[0] / log.cameras["omni"].image_size
+    for (a, b), pixel in zip(frames.ends, (found.seen.pixel + 0.5) * scale, strict=True):
+        along, off = (b - a) / np.linalg.norm(b - a), pixel - a
+        assert abs(along[0] * off[1] - along[1] * off[0]) < 0.5  # the stroke goes through the cone
+        assert 0.0 < along @ off < np.linalg.norm(b - a)
+    told: list[tuple[int, int]] = []
+    count = write_overlays(log, measurements, tmp_path / "out", lambda *done: told.append(done))
+    assert count == len(told) == len([*(tmp_path / "out").iterdir()]) == len(measurements.t)
 
 
 def test_folder_and_memory_give_the_same_measurements(short: Scenario, tmp_path: Path) -> None:

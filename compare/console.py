@@ -83,7 +83,7 @@ def print_result(result: RunResult) -> None:
     for name, figures in metrics["methods"].items():
         shown = JUDGED.values() if judged else CLAIMED.values()
         count = str(figures["landmarks"]) if figures["landmarks"] else "–"
-        table.add_row(name, *(millimetres(_first_of(figures, paths)) for paths in shown), count)
+        table.add_row(name, *(millimetres(first_of(figures, paths)) for paths in shown), count)
     console = Console(highlight=False, soft_wrap=False)
     console.print(table)
     if metrics["verdict"]:
@@ -114,7 +114,7 @@ def warn(name: str, warnings: Iterable[str]) -> None:
         print(f"graphslam: warning: {name}: {warning}", file=sys.stderr)
 
 
-def _first_of(figures: Any, paths: tuple[tuple[str, ...], ...]) -> Any:
+def first_of(figures: Any, paths: tuple[tuple[str, ...], ...]) -> Any:
     """Returns the figure at the first of some paths of keys that leads to one; else None."""
     for path in paths:
         found = figures

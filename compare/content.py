@@ -29,6 +29,7 @@ def comparison_content(comparison: Comparison) -> dict[str, Any]:
         "format": METRICS_FORMAT,
         "log": comparison.log,
         "nodes": comparison.nodes,
+        "kinds": comparison.kinds,
         "truth": {
             "path": len(truth.t) > 0,
             "lines": len(truth.lines),

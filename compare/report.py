@@ -68,7 +68,7 @@ def write_report(record: Record, folder: Path) -> None:
         facts=tables.facts(record),
         verdict=record.metrics["verdict"],
         methods=[method_entry(name) for name in record.estimates],
-        summary=summary(record.metrics, seen),
+        summary=summary(record.metrics),
         seen=seen,
         lines="line" in kinds,
         true_points=len(record.true_points) > 0,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from compare.report_tables import DASH, number
+from compare.words import noun
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,16 +126,12 @@ SUMMARY: tuple[tuple[str, str, str, tuple[Figure, ...]], ...] = (
 )
 
 
-def summary(metrics: Mapping[str, Any], seen: tuple[str, str]) -> list[dict[str, Any]]:
+def summary(metrics: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Returns the groups of the table of methods, and the page each belongs to.
 
     Groups without any figure are left out.
-
-    Args:
-        metrics: content of metrics.json.
-        seen: what landmarks are called, one and several.
     """
-    one, several = seen
+    one, several = noun(metrics.get("kinds", ()))
     groups = []
     for page, title, note, figures in SUMMARY:
         rows = [_summary_row(figure, metrics["methods"]) for figure in figures]

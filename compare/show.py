@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import reduce
 from html import escape
 from typing import Any
 
-from compare.console import CLAIMED, JUDGED, millimetres
+from compare.console import CLAIMED, JUDGED, first_of, millimetres
 from compare.plots_style import method_colour
 from compare.report_summary import summary
 from graphslam.estimate import Estimate
@@ -89,8 +88,8 @@ def _bars(metrics: Mapping[str, Any]) -> str:
     methods = metrics["methods"]
     judged = any(entry["trajectory"] or entry["map"] for entry in methods.values())
     parts, y = [], 0
-    for heading, path in (JUDGED if judged else CLAIMED).items():
-        values = {name: reduce(_inside, path, entry) for name, entry in methods.items()}
+    for heading, paths in (JUDGED if judged else CLAIMED).items():
+        values = {name: first_of(entry, paths) for name, entry in methods.items()}
         known = {name: value for name, value in values.items() if value is not None}
         if not known:
             continue
@@ -115,7 +114,3 @@ def _bar(name: str, value: float, largest: float, y: int) -> str:
         f'fill="{method_colour(name)}"/>'
         f'<text x="{LABEL_WIDTH + length + 6:.1f}" y="{y + 13}">{millimetres(value)}</text>'
     )
-
-
-def _inside(figures: Any, key: str) -> Any:
-    return None if figures is None else figures[key]

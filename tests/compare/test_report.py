@@ -335,7 +335,7 @@ def test_fixed_numbers_have_no_negative_zero() -> None:
 def test_the_best_of_a_row_is_marked_only_where_methods_differ() -> None:
     path = {"rmse_m": 0.1, "final_error_m": 0.2, "heading_rmse_deg": 1.0}
     methods = {"a": {"trajectory": path}, "b": {"trajectory": path | {"rmse_m": 0.05}}}
-    rows = summary({"methods": methods}, ("line", "lines"))[0]["rows"]
+    rows = summary({"methods": methods})[0]["rows"]
     assert [[cell["best"] for cell in row["cells"]] for row in rows] == [
         [False, True],
         [False, False],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 import shutil
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -12,6 +13,7 @@ from typing import Any, Literal, NamedTuple
 from frontend.bag_messages import JOINTS, Maker, nanoseconds
 from frontend.log import Log
 from frontend.log_parts import PoseTrack
+from frontend.omni import BearingCorrection
 from frontend.readers import bag_types as types
 from frontend.readers.robot_toml import FORMAT
 from frontend.write_folder import description, text
@@ -65,17 +67,22 @@ def write_bag(
                 progress(min(done, total), total)
 
 
-def robot_file_text(log: Log, map_file: str | None = None) -> str:
+def robot_file_text(
+    log: Log, map_file: str | None = None, landmarks_file: str | None = None
+) -> str:
     """Returns the robot file that goes with a bag that `write_bag` wrote.
 
     Args:
         log: the recording.
         map_file: name of a map.csv beside the robot file, or None.
+        landmarks_file: name of a landmarks.csv beside it, or None.
     """
     lines = [f'format = "{FORMAT}"', f"name = {text(log.name)}"]
     if map_file is not None:
         lines.append(f"map = {text(map_file)}")
-    lines += description(log)
+    if landmarks_file is not None:
+        lines.append(f"landmarks = {text(landmarks_file)}")
+    lines += description(replace(log, bearing_correction=BearingCorrection()))  # of bearings.csv
     lines += ["", "[topics]"]
     if log.wheels is not None:
         lines.append(f'wheels = "{WHEELS}"')
@@ -94,7 +101,12 @@ def robot_file_text(log: Log, map_file: str | None = None) -> str:
 
 def left_out(log: Log) -> tuple[str, ...]:
     """Returns what of a log no bag can hold: it has no message for it."""
-    parts = {"sightings": log.sightings, "pose fixes": log.pose_fixes}
+    parts = {
+        "sightings": log.sightings,
+        "pose fixes": log.pose_fixes,
+        "bearings": log.bearings,
+        "lamps": log.lamps,
+    }
     return tuple(name for name, part in parts.items() if part is not None)
 
 

@@ -58,7 +58,7 @@ def write_log(folder: Path, log: Log, exact: bool) -> None:
     if log.bearings is not None:
         _write(folder / "bearings.csv", _bearings(log.bearings, time, real))
     if log.landmarks is not None:
-        _write(folder / "landmarks.csv", _landmarks(log.landmarks, real))
+        write_landmarks(folder / "landmarks.csv", log.landmarks, real)
 
 
 def write_images_csv(
@@ -80,6 +80,11 @@ def write_images_csv(
 def write_map(path: Path, lines: LandmarkMap, real: str = EXACT) -> None:
     """Writes map.csv."""
     _write(path, _map(lines, real))
+
+
+def write_landmarks(path: Path, known: LandmarkMap, real: str = EXACT) -> None:
+    """Writes landmarks.csv."""
+    _write(path, _landmarks(known, real))
 
 
 def _rows(formats: Sequence[str], values: Array) -> Iterable[str]:

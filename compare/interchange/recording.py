@@ -12,7 +12,7 @@ from frontend.images import image_file
 from frontend.log import Log
 from frontend.readers.scans_npz import write_scans
 from frontend.write_bag import left_out, robot_file_text, write_bag
-from frontend.write_folder import write_images_csv, write_log, write_map
+from frontend.write_folder import write_images_csv, write_landmarks, write_log, write_map
 from graphslam.errors import BadConfig
 
 Progress = Callable[[int, int], None]
@@ -23,8 +23,8 @@ def export_recording(
 ) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """Writes a recording in another format; one image or scan is held at a time.
 
-    Beside a bag stand ``NAME.robot.toml``, the robot file for reading it, and ``NAME.map.csv``
-    where the log has true lines.
+    Beside a bag stand ``NAME.robot.toml``, the robot file for reading it, ``NAME.map.csv`` where
+    the log has true lines, and ``NAME.landmarks.csv`` where it has known lamps or points.
 
     Args:
         log: the recording.
@@ -76,16 +76,20 @@ def _absent(folder: Path) -> None:
 
 
 def _beside(log: Log, out: Path) -> list[Path]:
-    """Writes the robot file of a bag, and its map; returns their paths."""
+    """Writes the robot file of a bag, its map and its landmarks; returns their paths."""
     stem = out.name if out.is_dir() else out.stem
-    robot, written = out.with_name(f"{stem}.robot.toml"), []
-    map_file = None
-    if log.map is not None:
-        written.append(out.with_name(f"{stem}.map.csv"))
-        map_file = written[0].name
-        write_map(written[0], log.map)
-    robot.write_text(robot_file_text(log, map_file), encoding="utf-8", newline="\n")
-    return [robot, *written]
+    robot = out.with_name(f"{stem}.robot.toml")
+    written: dict[str, Path] = {}
+    for part, known, write in (
+        ("map", log.map, write_map),
+        ("landmarks", log.landmarks, write_landmarks),
+    ):
+        if known is not None:
+            written[part] = out.with_name(f"{stem}.{part}.csv")
+            write(written[part], known)
+    names = {f"{part}_file": path.name for part, path in written.items()}
+    robot.write_text(robot_file_text(log, **names), encoding="utf-8", newline="\n")
+    return [robot, *written.values()]
 
 
 def _folder(log: Log, folder: Path, progress: Progress | None) -> tuple[str, ...]:

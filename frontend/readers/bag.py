@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from frontend.readers.bag_times import Times, times_of
 from frontend.readers.bag_warnings import CURE_UNREADABLE, no_odometry, warnings_of, why
 from frontend.readers.folder_tables import read_map
 from frontend.readers.log_toml import every_camera
+from frontend.readers.point_tables import read_landmarks
 from frontend.readers.robot_toml import RobotFile, read_robot_file
 from frontend.recorded import ScanList
 from graphslam.errors import BadConfig, BadLog
@@ -96,9 +97,10 @@ def open_collected(content: BagContent, robot: RobotFile, robot_file: Path | Non
         sightings=None,
         pose_fixes=None,
         truth=truth if truth is not None and len(truth.t) else None,
-        map=_map(robot, robot_file),
+        map=_beside(robot_file, robot.map, read_map),
+        landmarks=_beside(robot_file, robot.landmarks, read_landmarks),
         warnings=(),
-        digest=_digest(used, robot_file),
+        digest=_digest(used, robot_file, robot.landmarks),
         scans=scans,
         labels={**_labels(used, choice), "map": "map.csv"},
         described=NO_ROBOT if robot_file is None else robot_file.name,
@@ -209,10 +211,11 @@ def _scans(content: BagContent, choice: Choice, times: Mapping[str, Times]) -> S
     return ScanList(times["scans"].t, scans, choice.laser_pose)
 
 
-def _map(robot: RobotFile, path: Path | None) -> LandmarkMap | None:
-    if robot.map is None or path is None:
-        return None
-    return read_map(path.parent / robot.map)
+def _beside(
+    robot_file: Path | None, name: str | None, read: Callable[[Path], LandmarkMap]
+) -> LandmarkMap | None:
+    """Returns the landmarks of a file that the robot file names, None where it names none."""
+    return None if robot_file is None or name is None else read(robot_file.parent / name)
 
 
 def bag_name(path: Path, robot: RobotFile) -> str:
@@ -235,9 +238,11 @@ def _labels(used: Mapping[str, Stream], choice: Choice) -> dict[str, str]:
     return labels
 
 
-def _digest(used: Mapping[str, Stream], robot_file: Path | None) -> str:
+def _digest(used: Mapping[str, Stream], robot_file: Path | None, landmarks: str | None) -> str:
     """Returns the SHA-256, hexadecimal, of all that was read of the streams used."""
     total = hashlib.sha256(b"" if robot_file is None else robot_file.read_bytes())
+    if robot_file is not None and landmarks is not None:
+        total.update((robot_file.parent / landmarks).read_bytes())
     for part, stream in sorted(used.items()):
         total.update(part.encode() + stream.digest())
     return total.hexdigest()

@@ -83,6 +83,8 @@ class RobotFile:
     laser: LaserTable | None = None
     map: str | None = None
     """Path of a map.csv with true or known lines, from the robot file on."""
+    landmarks: str | None = None
+    """Path of a landmarks.csv with known lamps or points, from the robot file on."""
 
     def __post_init__(self) -> None:
         check_name(self.name)

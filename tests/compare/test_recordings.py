@@ -6,6 +6,7 @@ import importlib.util
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,14 @@ import pytest
 from compare.batch_inputs import find_logs
 from compare.cli import main
 from compare.config import RunConfig
+from compare.interchange.recording import export_recording
 from compare.opening import open_as
 from compare.run import run_opened
 from frontend.log import Log, open_log
 from frontend.readers.bag_collect import collect
 from frontend.readers.robot_toml import read_robot_file
+from frontend.simulate import load_scenario, simulate
+from frontend.simulate.scenario import Motion
 from frontend.survey import survey
 from tests.compare.tiny_log import write_tiny_log
 from tests.frontend.recordings import Bag, short_log, write_folder
@@ -100,6 +104,14 @@ def test_what_no_bag_holds_is_told(tmp_path: Path, capsys: pytest.CaptureFixture
     folder = write_tiny_log(tmp_path / "log")
     assert main(["export", str(folder), "--to", "mcap", "--out", str(tmp_path / "x.mcap")]) == 0
     assert "sightings are left out: no message of a bag holds them" in capsys.readouterr().err
+
+
+def test_bearings_and_lamps_that_a_bag_cannot_hold_are_told(tmp_path: Path) -> None:
+    for name, part in (("three-cones", "bearings"), ("four-lamps", "lamps")):
+        scenario = replace(load_scenario(name), path=(Motion(forward=0.5),), repeat=1)
+        log = open_log(simulate(scenario, tmp_path / name, images=False))
+        _, notes = export_recording(log, "mcap", tmp_path / f"{name}.mcap")
+        assert notes == (f"{part} are left out: no message of a bag holds them",)
 
 
 def test_a_run_becomes_a_rerun_recording_with_everything_on_one_timeline(

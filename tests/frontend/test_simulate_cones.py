@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from compare.interchange.recording import export_recording
 from compare.replay import take_frames
 from frontend.config import ExtractConfig
 from frontend.extract import extract
@@ -53,6 +54,30 @@ def test_images_and_bearings_csv_show_the_same_cones(short: Scenario, tmp_path: 
     assert seen.known is not None
     np.testing.assert_allclose(seen.known.params, [[0, 0], [0, 0.7], [1, 0]])
     assert seen.known.label.tolist() == [0, 1, 1]
+
+
+def test_a_bag_gives_the_same_bearings_to_the_same_known_cones(
+    short: Scenario, tmp_path: Path
+) -> None:
+    recorded = open_log(simulate(short, tmp_path / "log", seed=3))
+    written, notes = export_recording(recorded, "mcap", tmp_path / "drive.mcap")
+    assert [path.name for path in written[1:]] == [
+        "drive.robot.toml",
+        "drive.map.csv",
+        "drive.landmarks.csv",
+    ]
+    assert notes == ()
+    log = open_log(written[0], written[1])
+    assert log.warnings == ()
+    ours, theirs = extract(log), extract(recorded)
+    for name in ("z", "cov", "label", "truth", "node"):
+        one, two = (getattr(m.sightings["bearing"], name) for m in (ours, theirs))
+        assert np.array_equal(one, two), name
+    assert ours.known is not None
+    assert theirs.known is not None
+    assert np.array_equal(ours.known.params, theirs.known.params)
+    written[3].write_text(written[3].read_text().replace("bearing,0.0,0.7", "bearing,0.0,0.8"))
+    assert open_log(written[0], written[1]).digest != log.digest
 
 
 def test_thumbnails_and_overlays_show_where_each_cone_was_seen(

@@ -27,7 +27,7 @@ from frontend.seen import (
     seen_lines,
     seen_walls,
 )
-from frontend.sighting_tables import at_nodes, table
+from frontend.sighting_tables import given
 from frontend.truth import true_lines
 from graphslam.geometry import Array, wrap
 from graphslam.measurements import Measurements, Sightings
@@ -186,22 +186,12 @@ def _first_unreadable(log: Log, measurements: Measurements) -> str:
 
 
 def _given_lines(log: Log, chosen: Array, t: Array, rejected: Counter[str]) -> Sightings | None:
-    given = log.sightings
-    if given is None:
+    if log.sightings is None:
         return None
-    rows, node, rejected[LINE_OUTSIDE] = at_nodes(given.t, chosen, t)
-    truth = given.truth[rows]
-    if not np.any(given.truth >= 0):
-        truth = true_lines(log, given.t[rows], given.z[rows], given.extent[rows])
-    return table(
-        "line",
-        node,
-        given.z[rows],
-        given.cov[rows],
-        given.t_received[rows],
-        extent=given.extent[rows],
-        truth=truth,
-    )
+    lines, rejected[LINE_OUTSIDE] = given("line", log.sightings, chosen, t, "extent", "truth")
+    if np.any(log.sightings.truth >= 0):
+        return lines
+    return replace(lines, truth=true_lines(log, t[lines.node], lines.z, lines.extent))
 
 
 def _with_noise(lines: Sightings | None, noise: NoiseConfig) -> Sightings | None:
@@ -212,34 +202,18 @@ def _with_noise(lines: Sightings | None, noise: NoiseConfig) -> Sightings | None
 
 
 def _bearings(log: Log, chosen: Array, t: Array, rejected: Counter[str]) -> Sightings | None:
-    given = log.bearings
-    if given is None:
+    if log.bearings is None:
         return None
-    rows, node, rejected[BEARING_OUTSIDE] = at_nodes(given.t, chosen, t)
-    return table(
-        "bearing",
-        node,
-        log.bearing_correction.of(given.z[rows]),
-        given.cov[rows],
-        given.t_received[rows],
-        truth=given.truth[rows],
-        label=given.label[rows],
-    )
+    part = replace(log.bearings, z=log.bearing_correction.of(log.bearings.z))
+    points, rejected[BEARING_OUTSIDE] = given("bearing", part, chosen, t, "truth", "label")
+    return points
 
 
 def _lamps(log: Log, chosen: Array, t: Array, rejected: Counter[str]) -> Sightings | None:
-    given = log.lamps
-    if given is None:
+    if log.lamps is None:
         return None
-    rows, node, rejected[LAMP_OUTSIDE] = at_nodes(given.t, chosen, t)
-    return table(
-        "lamp",
-        node,
-        given.z[rows],
-        given.cov[rows],
-        given.t_received[rows],
-        truth=given.truth[rows],
-    )
+    lamps, rejected[LAMP_OUTSIDE] = given("lamp", log.lamps, chosen, t, "truth")
+    return lamps
 
 
 def _one_direction(measurements: Measurements, lines: Sightings) -> bool:

@@ -13,7 +13,7 @@ from frontend.nodes import Nodes
 from frontend.overhead import APART, NO_POSE
 from frontend.plausible import BREAKS, CONTRADICTED, TURNED, plausible_fixes
 from frontend.search import received
-from frontend.sighting_tables import at_nodes, table
+from frontend.sighting_tables import given, table
 from graphslam.geometry import Array, compose, inverse
 from graphslam.measurements import Measurements, Odometry, Sightings
 
@@ -141,11 +141,10 @@ def _gaps(measurements: Measurements, fixes: Sightings) -> Iterator[str]:
 
 
 def _given(log: Log, nodes: Nodes, rejected: Counter[str]) -> Sightings | None:
-    given = log.pose_fixes
-    if given is None:
+    if log.pose_fixes is None:
         return None
-    rows, node, rejected[FIX_OUTSIDE] = at_nodes(given.t, nodes.chosen, nodes.t)
-    return table(KIND, node, given.z[rows], given.cov[rows], given.t_received[rows])
+    fixes, rejected[FIX_OUTSIDE] = given(KIND, log.pose_fixes, nodes.chosen, nodes.t)
+    return fixes
 
 
 def _seen(

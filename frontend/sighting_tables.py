@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from graphslam.geometry import Array
@@ -14,6 +16,21 @@ def at_nodes(times: Array, chosen: Array, t: Array) -> tuple[IntArray, IntArray,
     at_node = (t[node] == times) & np.isin(times, chosen)
     lost = np.isin(times, chosen) & ~at_node
     return np.flatnonzero(at_node), node[at_node], int(lost.sum())
+
+
+def given(kind: str, part: Any, chosen: Array, t: Array, *columns: str) -> tuple[Sightings, int]:
+    """Returns what a log gives of one kind as sightings at nodes, and how many lie at none.
+
+    Args:
+        kind: of the table.
+        part: readings by time, with ``t``, ``z``, ``cov`` and ``t_received``.
+        chosen: (C,) times of the moments that are used, s.
+        t: (N,) times of the nodes, s.
+        columns: what else the part tells of each reading, as the table has it.
+    """
+    rows, node, lost = at_nodes(part.t, chosen, t)
+    told = {name: getattr(part, name)[rows] for name in columns}
+    return table(kind, node, part.z[rows], part.cov[rows], part.t_received[rows], **told), lost
 
 
 def table(

@@ -18,7 +18,7 @@ from frontend.view import View
 from graphslam.geometry import Array
 
 if TYPE_CHECKING:
-    from frontend.inspect import Frame
+    from frontend.sample import Frame
 
 FASTEST_MPS = 5.0
 FASTEST_TURN = 4.0 * math.pi  # rad/s: two turns a second

@@ -16,7 +16,7 @@ from frontend.log import Log
 from graphslam.geometry import Array, points_on_line
 
 if TYPE_CHECKING:
-    from frontend.inspect import Frame
+    from frontend.sample import Frame
 
 Picture = NDArray[np.uint8]
 

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from frontend.camera import Camera
-from frontend.inspect import SAMPLE, Inspection, inspect
+from frontend.inspect import Inspection, inspect
 from frontend.log import open_log
 from frontend.moves import moves_of
 from frontend.overlay import WIDTH, contact_sheet, draw_lines, write_picture
+from frontend.sample import SAMPLE
 from frontend.simulate import load_scenario, simulate
 from frontend.simulate.scenario import Motion
 from frontend.turning import check_turns

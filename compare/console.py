@@ -15,6 +15,7 @@ from rich.text import Text
 
 from compare.compiling import told_when_compiling
 from compare.words import noun
+from graphslam.models import MODELS
 
 if TYPE_CHECKING:
     from compare.run import RunResult
@@ -101,7 +102,8 @@ def print_extracted(result: RunResult) -> None:
     """Prints what a log was turned into, to standard output."""
     warn(result.log.name, result.warnings)
     measurements = result.measurements
-    counts = ", ".join(f"{len(t)} {kind}" for kind, t in measurements.sightings.items())
+    tables = measurements.sightings.items()
+    counts = ", ".join(f"{len(t)} of {MODELS[kind].noun[1]}" for kind, t in tables)
     print(f"{result.log.name}: {len(measurements.t)} nodes, sightings: {counts or 'none'}")
     for reason, count in measurements.rejected.items():
         print(f"left out: {count} {reason}")

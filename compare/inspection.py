@@ -23,6 +23,8 @@ from frontend.overlay import contact_sheet, write_picture
 from graphslam.errors import BadConfig
 
 FORMAT = "graphslam-inspection/1"
+WHOLE_NAME = 15
+"""Names of files up to this long are not broken over two lines of the table."""
 SINCE_1970 = 1e8
 """Times beyond this, s, count from 1970; they are shown from the first on."""
 FILE, PICTURE = "inspection.json", "lines.jpg"
@@ -118,6 +120,9 @@ def _sources(inspection: Inspection) -> Table:
     zero = first if first > SINCE_1970 else 0.0
     since = f", times from t = {zero:.2f} s on" if zero else ""
     table = _table(inspection.name + since, *columns, numbers=True)
+    longest = max((len(source.file) for source in inspection.sources), default=0)
+    table.columns[0].min_width = min(longest, WHOLE_NAME)
+    table.collapse_padding, table.pad_edge = True, False
     for source in inspection.sources:
         cells = (f"{source.rows:,}", *_times(source, zero), f"{source.overlap:.0%}")
         table.add_row(source.file, *cells)

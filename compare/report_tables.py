@@ -11,6 +11,7 @@ import numpy as np
 from compare.pages import method_entry
 from compare.record import Record
 from compare.words import landmark_kinds, noun
+from graphslam.models import MODELS
 
 DASH = "–"
 
@@ -255,7 +256,7 @@ def facts(record: Record) -> list[dict[str, str]]:
         {"label": "Duration", "value": f"{measurements.t[-1] - measurements.t[0]:,.1f} s"},
         {"label": "Distance by odometry", "value": f"{driven:,.2f} m"},
         *(
-            {"label": f"Sightings, {table.kind.replace('_', ' ')}", "value": f"{len(table):,}"}
+            {"label": f"Sightings of {MODELS[table.kind].noun[1]}", "value": f"{len(table):,}"}
             for table in tables
         ),
         {"label": "Truth", "value": _truth(record)},

@@ -22,6 +22,8 @@ NEW_LINE = 10.0
 """About what a line more costs, in units of the objective."""
 SAME = 0.3
 """Part of the gate within which sightings of a moved line are of one that is there already."""
+FEW = 50_000
+"""Pairs of a sighting and a line up to which looking for those that are near does not pay."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +49,7 @@ class Moved:
 
     Attributes:
         problem: path and map moved, matches as they were.
+        motion: (3,) of the stretch, floor frame.
         own: (M,) which landmarks moved along.
         row: (P,) row of the lines' table for each pair of a sighting that moved and a line.
         landmark: (P,) the line.
@@ -54,6 +57,7 @@ class Moved:
     """
 
     problem: Problem
+    motion: Array
     own: NDArray[np.bool_]
     row: IntArray
     landmark: IntArray
@@ -62,8 +66,10 @@ class Moved:
 
 def near_lines(fitted: Fitted, config: RematchConfig) -> tuple[IntArray, IntArray]:
     """Returns rows (P,) of the lines' table and lines (P,) near enough to be one."""
-    lines = fitted.of_kind(LINE.kind)
-    row, column = close_pairs(fitted, LINE, table_of(fitted.problem, LINE.kind)[1], lines, config)
+    lines, table = fitted.of_kind(LINE.kind), table_of(fitted.problem, LINE.kind)[1]
+    if len(lines) * len(table) <= FEW:
+        return np.repeat(np.arange(len(table)), len(lines)), np.tile(lines, len(table))
+    row, column = close_pairs(fitted, LINE, table, lines, config)
     return row, lines[column]
 
 
@@ -89,10 +95,8 @@ def moved(
     lines = fitted.of_kind(LINE.kind)
     own = np.zeros(len(problem.kinds), bool)
     own[lines] = (outside[lines] == 0) & ~problem.fixed[lines]
-    params[own, 1] += move.motion[2]
-    c, s = np.cos(params[own, 1]), np.sin(params[own, 1])
-    params[own, 0] += c * move.motion[0] + s * move.motion[1]
-    extent[own] += (c * move.motion[1] - s * move.motion[0])[:, None]
+    params[own, :2], along = _line_moved(params[own, :2], move.motion)
+    extent[own] += along[:, None]
     problem = replace(problem, pose=pose, params=params)
     first, table = table_of(problem, LINE.kind)
     if move.motion[2]:
@@ -102,25 +106,53 @@ def moved(
     row, landmark = row[alike], landmark[alike]
     e, _, _ = LINE.residual(pose[table.node[row]], params[landmark, :2], table.z[row])
     S = table.cov[row] + np.diag([SLACK_M**2, 0.0])
-    return Moved(problem, own, row, landmark, mahalanobis(e, S))
+    return Moved(problem, move.motion, own, row, landmark, mahalanobis(e, S))
 
 
 def matched(after: Moved, fitted: Fitted, config: RematchConfig) -> Problem:
-    """Returns the problem whose moved sightings take the nearest line, one a node."""
+    """Returns the problem whose moved sightings take the nearest line, one a node.
+
+    Lines that moved along and lie on one that stays are no longer there. What the stretch saw of a
+    line that stays, and finds no line any more, becomes a line of its own.
+    """
     problem = after.problem
     first, table = table_of(problem, LINE.kind)
     match = problem.match.copy()
     rows = np.unique(after.row)
     match[first + rows] = UNMATCHED
     taken: set[tuple[int, int]] = set()
-    near = np.flatnonzero(after.distance <= config.gate)
+    there = ~_absorbed(after, config)[after.landmark]
+    near = np.flatnonzero((after.distance <= config.gate) & there)
     for p in near[np.argsort(after.distance[near], kind="stable")].tolist():
         sighting, landmark = first + int(after.row[p]), int(after.landmark[p])
         place = (int(table.node[after.row[p]]), landmark)
         if match[sighting] == UNMATCHED and place not in taken:
             match[sighting] = landmark
             taken.add(place)
-    return replace(problem, match=match)
+    moved_rows = np.zeros(len(match), bool)
+    moved_rows[first + rows] = True
+    left = np.where((match == UNMATCHED) & moved_rows, problem.match, UNMATCHED)
+    seen = np.bincount(left[left >= 0], minlength=len(problem.kinds))
+    new = np.flatnonzero((seen >= config.min_sightings) & ~after.own)
+    params = np.vstack([problem.params, problem.params[new]])
+    params[len(problem.kinds) :, :2] = _line_moved(problem.params[new, :2], after.motion)[0]
+    for number, landmark in enumerate(new.tolist()):
+        match[left == landmark] = len(problem.kinds) + number
+    return replace(
+        problem,
+        match=match,
+        kinds=problem.kinds + (LINE.kind,) * len(new),
+        fixed=np.append(problem.fixed, np.zeros(len(new), bool)),
+        params=params,
+    )
+
+
+def _line_moved(line: Array, motion: Array) -> tuple[Array, Array]:
+    """Returns lines (k, 2) after a motion (3,), and by how much positions along them (k,) grow."""
+    alpha = line[:, 1] + motion[2]
+    c, s = np.cos(alpha), np.sin(alpha)
+    rho = line[:, 0] + c * motion[0] + s * motion[1]
+    return np.column_stack([rho, alpha]), c * motion[1] - s * motion[0]
 
 
 def promise(after: Moved, fitted: Fitted, move: Move, config: RematchConfig) -> float:
@@ -133,9 +165,6 @@ def promise(after: Moved, fitted: Fitted, move: Move, config: RematchConfig) -> 
     first, table = table_of(fitted.problem, LINE.kind)
     nearest = np.full(len(table), config.gate)
     np.minimum.at(nearest, after.row, after.distance)
-    other = np.full(len(table), config.gate)
-    stays = ~after.own[after.landmark]
-    np.minimum.at(other, after.row[stays], after.distance[stays])
     rows = np.unique(after.row)
     was = fitted.problem.match[first + rows]
     free = was < 0
@@ -145,9 +174,20 @@ def promise(after: Moved, fitted: Fitted, move: Move, config: RematchConfig) -> 
     S = table.cov[rows[~free]] + np.diag([SLACK_M**2, 0.0])
     before = np.minimum(mahalanobis(e, S), config.gate)
     loss = 0.5 * np.bincount(own, nearest[rows[~free]] - before, minlength=count)
-    seen = np.bincount(own, minlength=count)
-    on_other = np.bincount(own, other[rows[~free]], minlength=count) / np.maximum(seen, 1)
-    merged = int(np.sum(after.own & (seen > 0) & (on_other < SAME * config.gate)))
     revived = 0.5 * float(np.sum(config.gate - nearest[rows[free]]))
     lost = float(np.minimum(loss, NEW_LINE).sum())
-    return move.gain - lost + revived + NEW_LINE * merged
+    return move.gain - lost + revived + NEW_LINE * int(_absorbed(after, config).sum())
+
+
+def _absorbed(after: Moved, config: RematchConfig) -> NDArray[np.bool_]:
+    """Returns (M,) which lines that moved along lie on one that stays, by their sightings."""
+    count = len(after.own)
+    first, table = table_of(after.problem, LINE.kind)
+    nearest = np.full(len(table), config.gate)
+    stays = ~after.own[after.landmark]
+    np.minimum.at(nearest, after.row[stays], after.distance[stays])
+    match = after.problem.match[first : first + len(table)]
+    used = match >= 0
+    seen = np.bincount(match[used], minlength=count)
+    mean = np.bincount(match[used], nearest[used], minlength=count) / np.maximum(seen, 1)
+    return np.asarray(after.own & (seen > 0) & (mean < SAME * config.gate))

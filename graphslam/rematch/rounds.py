@@ -69,7 +69,7 @@ def rounds(
     counts: Counter[str] = Counter()
     best, least, settled, since = fitted, objective(fitted, rules), False, 0
     seen = set() if before is None else {before.tobytes()}
-    for _ in range(rules.rounds):
+    for _ in range(rules.rounds if least <= most else 0):
         changed, done = _one_round(fitted, rules)
         name = changed.match.tobytes()
         if not done or name in seen or since == PATIENCE:

@@ -10,6 +10,7 @@ from itertools import islice
 from graphslam.config import RematchConfig, SmootherConfig
 from graphslam.rematch.fitted import Fitted, renumbered
 from graphslam.rematch.moving import matched, moved, near_lines, promise
+from graphslam.rematch.parallel import parallel_odds
 from graphslam.rematch.rounds import LEAST_GAIN, Minimise, Rematched, rounds
 from graphslam.rematch.slips import moves
 from graphslam.smoother.problem import Problem
@@ -19,30 +20,58 @@ SHIFTED = "stretches of the path shifted by rematching"
 ALLOWED = -15.0
 """Gain, in units of the cost, that odometry must at least promise of a move: a path that was bent
 in odometry's favour costs something to straighten."""
-LEAST_PROMISE = -12.0
+LEAST_PROMISE = -20.0
 """What a move must promise at least to be tried."""
-MOST_MOVES, MOST_TRIALS = 24, 96
+MOST_MOVES, MOST_TRIALS = 48, 256
 """Moves that are tried in vain before the search ends, and in all."""
 
-FAR_ABOVE = 120.0
+DOZEN = 12
+FAR_ABOVE = 40.0
 """How far above the objective so far a round of a trial may end for another to be tried."""
 
 
 def straightened(best: Rematched, config: SmootherConfig, minimise: Minimise) -> Rematched:
-    """Returns the matches after all moves of the path, one by one, that lower the objective."""
+    """Returns the matches after all moves of the path, one by one, that lower the objective.
+
+    Where there are any, the first move that lowers it and the one of a dozen that lowers it most
+    may lead to different ends, of which the lower is returned.
+    """
+    first = _moved_on(best, config, minimise, 1)
+    if first is best:
+        return best
+    other = _moved_on(best, config, minimise, DOZEN)
+    return first if _value(first) <= _value(other) else other
+
+
+def _moved_on(best: Rematched, config: SmootherConfig, minimise: Minimise, among: int) -> Rematched:
+    """Returns the matches after moves, each the best of the first ``among`` that promise most."""
     left = MOST_TRIALS
     while left > 0:
-        for problem in islice(_candidates(best.fitted, config.rematching), min(left, MOST_MOVES)):
-            left -= 1
-            known = best.fitted.problem.match
-            tried = rounds(problem, config, minimise, known, best.objective + FAR_ABOVE)
-            if tried.objective < best.objective - LEAST_GAIN:
-                counts = Counter(best.counts) + Counter(tried.counts) + Counter({SHIFTED: 1})
-                best = replace(tried, counts=dict(counts))
+        better: list[Rematched] = []
+        known, most = best.fitted.problem.match, best.objective + FAR_ABOVE
+        candidates = _candidates(best.fitted, config.rematching)
+        for number, problem in enumerate(islice(candidates, min(left, MOST_MOVES))):
+            if better and number >= among:
                 break
-        else:
+            left -= 1
+            tried = rounds(problem, config, minimise, known, most)
+            if _value(tried) < _value(best) - LEAST_GAIN:
+                better.append(tried)
+        if not better:
             break
+        found = min(better, key=_value)
+        counts = Counter(best.counts) + Counter(found.counts) + Counter({SHIFTED: 1})
+        best = replace(found, counts=dict(counts))
     return best
+
+
+def _value(tried: Rematched) -> float:
+    """Returns the objective, with how probable the directions of the lines are.
+
+    Moves change how many lines there are, on a floor whose lines are nearly all parallel: there one
+    more is less of a coincidence than the objective, which knows of no directions, has it.
+    """
+    return tried.objective - parallel_odds(tried.fitted.problem)
 
 
 def _candidates(fitted: Fitted, rules: RematchConfig) -> Iterator[Problem]:

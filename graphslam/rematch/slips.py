@@ -26,15 +26,21 @@ SAME_TURN = np.radians(5.0)
 MOST_TURN = np.radians(120.0)
 MOST_SPACINGS = 4
 """By how many spacings, and of how many turns and places after a turn, a stretch is moved."""
-MOST_SHIFTS = 128
-"""Shifts that are looked at closely, and turns, each."""
+MOST_SHIFTS, MOST_TURNS = 160, 24
+"""Shifts, and turns, that are looked at closely."""
+NEXT = 6
+"""Nodes between gaps in two directions in which a path may slip at once."""
 MOST_BACK = 64
 """Gaps after a slip in which it may be taken back."""
 BIN_M = 0.02
-PLACES = 2
-"""Places across each direction of lines where a stretch is laid after a turn."""
-REACH_M = 0.4
+PLACES = 3
+"""Places across each direction of lines where a stretch is laid after a turn: the nearest."""
+APART_M = 0.1
+"""Places that are nearer to each other are one, m."""
+REACH_M = 0.5
 """How far from where it was a stretch is laid after a turn, m."""
+LEAST_VOTES = 0.25
+"""Part of the votes for the best place that another needs."""
 HEAD = 120
 """Sightings after a turn by which its place is found."""
 
@@ -88,8 +94,26 @@ def moves(fitted: Fitted, least_gain: float) -> list[Move]:
     """
     groups = list(directions(fitted))
     shifts = [shift for group in groups for shift in _shifts(fitted, group, least_gain)]
+    shifts += _diagonal(shifts, len(fitted.problem.pose), least_gain)
     shifts.sort(key=lambda move: (-move.gain, move.first, move.last))
     return shifts[:MOST_SHIFTS] + list(_turns(fitted, groups, least_gain))
+
+
+def _diagonal(shifts: list[Move], nodes: int, least_gain: float) -> list[Move]:
+    """Returns shifts across two directions at once, in gaps next to each other."""
+    tails = [move for move in shifts if move.last == nodes]
+    tails.sort(key=lambda move: (-move.gain, move.first))
+    found = []
+    for number, a in enumerate(tails[:MOST_SHIFTS]):
+        for b in tails[number + 1 : MOST_SHIFTS]:
+            near = abs(a.first - b.first) <= NEXT
+            across = abs(a.motion @ b.motion) < 0.5 * np.sqrt(
+                a.motion @ a.motion * b.motion @ b.motion
+            )
+            if near and across and a.gain + b.gain > least_gain:
+                first = min(a.first, b.first)
+                found.append(Move(first, nodes, a.motion + b.motion, a.gain + b.gain))
+    return found
 
 
 def directions(fitted: Fitted) -> Iterator[Direction]:
@@ -172,7 +196,7 @@ def _turns(fitted: Fitted, groups: list[Direction], least_gain: float) -> Iterat
         for turn in _angles(groups)
     ]
     found = sorted(turn for turn in found if turn[0] > least_gain)[::-1]
-    for gain, last, turn in found[: MOST_SHIFTS // PLACES**2]:
+    for gain, last, turn in found[:MOST_TURNS]:
         for motion in _places(fitted, groups, last, turn):
             yield Move(last, len(pose), motion, gain)
 
@@ -219,6 +243,7 @@ def _offsets(pose: Array, z: Array, group: Direction) -> list[float]:
     found: list[float] = []
     for k in np.argsort(-votes, kind="stable").tolist():
         place = float(edges[k] + 0.5 * BIN_M)
-        if len(found) < PLACES and votes[k] > 0 and all(abs(place - f) > 0.1 for f in found):
+        if votes[k] > LEAST_VOTES * votes.max() and all(abs(place - f) > APART_M for f in found):
             found.append(place)
-    return found or [0.0]
+    found.sort(key=abs)
+    return found[:PLACES] or [0.0]

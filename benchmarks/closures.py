@@ -10,10 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graphslam.estimate import Estimate
 from graphslam.geometry import (
     Array,
+    compose,
     interpolate_poses,
     inverse,
     line_to_floor,
@@ -22,7 +24,7 @@ from graphslam.geometry import (
     transform_points,
     wrap,
 )
-from graphslam.measurements import Measurements
+from graphslam.measurements import IntArray, Measurements
 
 LOOP_M = 15.0
 """Way between the ends of a relation from which it is one across a loop, m."""
@@ -68,64 +70,47 @@ def judge(measurements: Measurements, estimate: Estimate, relations: Array) -> C
     for first, second, *motion in relations[:, :5].tolist():
         if abs(np.interp(first, row, driven) - np.interp(second, row, driven)) < LOOP_M:
             continue
-        pairs = [
-            (line, transform_points(np.array(motion), ends))
-            for landmark, line in walls.at(first)
-            for other, ends in walls.stretches(second)
-            if landmark == other
-        ]
-        turn = float(np.median([_turn(line, ends) for line, ends in pairs])) if pairs else 0.0
+        lines, ends = walls.common(first, second, np.array(motion))
+        turns = _turn(lines, ends)
+        turn = float(np.median(turns)) if len(turns) else 0.0
         if abs(turn) < MOST_TURN:
-            about = _about(np.array(motion[:2]), -turn)
-            pairs = [(line, transform_points(about, ends)) for line, ends in pairs]
-        bad = [_is_off(line, ends) for line, ends in pairs]
-        count += 1, bool(bad), len(bad), sum(bad), 2 * sum(bad) > len(bad)
+            ends = transform_points(_about(np.array(motion[:2]), -turn), ends)
+        bad = _is_off(lines, ends)
+        count += 1, len(bad) > 0, len(bad), bad.sum(), 2 * bad.sum() > len(bad)
     return Closures(*count.tolist())
 
 
 class _Walls:
-    """The sightings that an estimate uses, seen from places between its rows."""
+    """The sightings that an estimate uses, to be seen from places between its rows."""
 
     def __init__(self, measurements: Measurements, estimate: Estimate) -> None:
-        ((_, self.table),) = measurements.tables()
+        ((_, table),) = measurements.tables()
         self.pose, self.match = estimate.pose, np.where(estimate.used, estimate.match, -1)
-        self.starts = self.table.starts(len(self.pose))
+        self.row = np.arange(len(self.pose), dtype=float)
+        self.starts = table.starts(len(self.pose))
+        seen_from = self.pose[table.node]
+        self.line = line_to_floor(table.z, seen_from)
+        ends = points_on_line(table.z[:, None], table.extent)
+        self.ends = transform_points(seen_from[:, None], ends)
 
-    def at(self, place: float) -> list[tuple[int, Array]]:
-        """Returns landmark and line (2,) of each sighting of the rows beside, from that place."""
-        origin = self._pose_at(place)
-        return [
-            (m, line_to_robot(line_to_floor(self.table.z[k], pose), origin))
-            for k, m, pose in self._beside(place)
-        ]
+    def common(self, first: float, second: float, motion: Array) -> tuple[Array, Array]:
+        """Returns lines (k, 2) from one place, and ends (k, 2, 2) from another, of common walls.
 
-    def stretches(self, place: float) -> list[tuple[int, Array]]:
-        """Returns landmark and ends (2, 2) of the stretch of each sighting, from that place."""
-        origin = inverse(self._pose_at(place))
-        return [
-            (
-                m,
-                transform_points(
-                    origin,
-                    transform_points(pose, points_on_line(self.table.z[k], self.table.extent[k])),
-                ),
-            )
-            for k, m, pose in self._beside(place)
-        ]
+        All in the frame of the first place, the second where ``motion`` (3,) says.
+        """
+        one, other = self._beside(first), self._beside(second)
+        a, b = np.nonzero(self.match[one][:, None] == self.match[other])
+        here, there = interpolate_poses(np.array([first, second]), self.row, self.pose)
+        ends = transform_points(compose(motion, inverse(there)), self.ends[other[b]])
+        return line_to_robot(self.line[one[a]], here), ends
 
-    def _pose_at(self, place: float) -> Array:
-        return interpolate_poses(
-            np.array([place]), np.arange(len(self.pose), dtype=float), self.pose
-        )[0]
-
-    def _beside(self, place: float) -> list[tuple[int, int, Array]]:
-        rows = sorted({int(np.floor(place)), int(np.ceil(place))})
-        return [
-            (k, int(self.match[k]), self.pose[row])
-            for row in rows
-            for k in range(self.starts[row], self.starts[row + 1])
-            if self.match[k] >= 0
-        ]
+    def _beside(self, place: float) -> IntArray:
+        """Returns the sightings of the rows beside a place that are of a wall of the map."""
+        low, high = int(np.floor(place)), int(np.ceil(place))
+        near = np.arange(self.starts[low], self.starts[low + 1])
+        if high > low:
+            near = np.concatenate([near, np.arange(self.starts[high], self.starts[high + 1])])
+        return near[self.match[near] >= 0]
 
 
 def _about(point: Array, turn: float) -> Array:
@@ -134,13 +119,14 @@ def _about(point: Array, turn: float) -> Array:
     return np.array([*moved, turn])
 
 
-def _turn(line: Array, ends: Array) -> float:
-    """Returns the angle, rad, from a line (2,) to the one through two ends (2, 2), modulo pi."""
-    along = ends[1] - ends[0]
-    return 0.5 * float(wrap(2.0 * (np.arctan2(-along[0], along[1]) - line[1])))
+def _turn(lines: Array, ends: Array) -> Array:
+    """Returns the angles (k,), rad, from lines (k, 2) to those through two ends, modulo pi."""
+    along = ends[:, 1] - ends[:, 0]
+    return 0.5 * wrap(2.0 * (np.arctan2(-along[:, 0], along[:, 1]) - lines[:, 1]))
 
 
-def _is_off(line: Array, ends: Array) -> bool:
-    """Returns whether a stretch's middle lies off a line (2,), or its direction is another one."""
-    off = ends.mean(axis=0) @ [np.cos(line[1]), np.sin(line[1])] - line[0]
-    return abs(off) > OFF_M or abs(_turn(line, ends)) > np.radians(OFF_DEG)
+def _is_off(lines: Array, ends: Array) -> NDArray[np.bool_]:
+    """Returns whether stretches' middles lie off lines (k, 2), or have another direction."""
+    normal = np.column_stack([np.cos(lines[:, 1]), np.sin(lines[:, 1])])
+    off = np.abs(np.sum(ends.mean(axis=1) * normal, axis=1) - lines[:, 0])
+    return (off > OFF_M) | (np.abs(_turn(lines, ends)) > np.radians(OFF_DEG))

@@ -13,6 +13,7 @@ from compare import report_tables as tables
 from compare.pages import method_entry, source, template
 from compare.plots import draw
 from compare.record import Record
+from compare.report_landmarks import landmark_table, nothing_judged, point_table
 from compare.report_quality import lines_per_node, most_seen_line, within_limits, worst_residuals
 from compare.report_replay import REPLAY_NOTE, replay_json
 from compare.report_summary import summary
@@ -53,8 +54,8 @@ def write_report(record: Record, folder: Path) -> None:
     for plot in plots.values():
         _write(directory / f"{plot.name}.svg", plot.standalone())
         write_csv(directory / f"{plot.name}.csv", plot.data)
-    landmarks, matching = tables.landmarks(record), tables.matching(record.metrics)
-    points = tables.points(record)
+    landmarks, points = landmark_table(record), point_table(record)
+    matching = tables.matching(record.metrics)
     for table in (landmarks, matching, points):
         if table is not None:
             table["methods"] = [method_entry(name) for name in table["methods"]]
@@ -72,7 +73,7 @@ def write_report(record: Record, folder: Path) -> None:
         seen=seen,
         lines="line" in kinds,
         true_points=len(record.true_points) > 0,
-        nothing=tables.nothing_judged(record),
+        nothing=nothing_judged(record),
         landmarks=landmarks,
         matching=matching,
         points=points,

@@ -6,7 +6,7 @@ from frontend.cones import NO_BEARINGS, DetectedBearings, detect_bearings
 from frontend.config import ExtractConfig
 from frontend.images import read_bgr
 from frontend.log import Log
-from frontend.search import Found, Progress, search_images
+from frontend.search import Found, Progress, Search, search_images
 from graphslam.measurements import IntArray
 
 
@@ -24,12 +24,7 @@ def bearings_in_images(
     Raises:
         BadLog: an image has not the size that the log states.
     """
-    return search_images(
-        log,
-        numbers,
-        read_bgr,
-        lambda bgr, camera: detect_bearings(bgr, camera, config.omni),
-        NO_BEARINGS,
-        config.workers,
-        progress,
+    search = Search(
+        read_bgr, lambda bgr, camera: detect_bearings(bgr, camera, config.omni), NO_BEARINGS
     )
+    return search_images(log, numbers, search, config.workers, progress)

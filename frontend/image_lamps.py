@@ -6,7 +6,7 @@ from frontend.config import ExtractConfig
 from frontend.images import read_grey
 from frontend.lamps import NO_LAMPS, DetectedLamps, detect_lamps
 from frontend.log import Log
-from frontend.search import Found, Progress, search_images
+from frontend.search import Found, Progress, Search, search_images
 from graphslam.measurements import IntArray
 
 
@@ -24,12 +24,7 @@ def lamps_in_images(
     Raises:
         BadLog: an image has not the size that the log states.
     """
-    return search_images(
-        log,
-        numbers,
-        read_grey,
-        lambda grey, camera: detect_lamps(grey, camera, config.lamps),
-        NO_LAMPS,
-        config.workers,
-        progress,
+    search = Search(
+        read_grey, lambda grey, camera: detect_lamps(grey, camera, config.lamps), NO_LAMPS
     )
+    return search_images(log, numbers, search, config.workers, progress)

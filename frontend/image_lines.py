@@ -8,7 +8,7 @@ from frontend.images import read_grey
 from frontend.line_cache import cache_key, keep, load
 from frontend.lines import detect_lines
 from frontend.log import Log
-from frontend.search import Found, Progress, search_images
+from frontend.search import Found, Progress, Search, search_images
 from graphslam.measurements import IntArray
 
 
@@ -31,15 +31,10 @@ def lines_in_images(
     key = cache_key(log, numbers, config.detector) if config.cache else ""
     found = load(key) if config.cache else None
     if found is None:
-        found = search_images(
-            log,
-            numbers,
-            read_grey,
-            lambda grey, camera: detect_lines(grey, camera, config.detector),
-            NO_LINES,
-            config.workers,
-            progress,
+        search = Search(
+            read_grey, lambda grey, camera: detect_lines(grey, camera, config.detector), NO_LINES
         )
+        found = search_images(log, numbers, search, config.workers, progress)
         if config.cache:
             keep(key, found)
     elif progress is not None:

@@ -11,7 +11,7 @@ from frontend.config import ExtractConfig
 from frontend.images import read_bgr
 from frontend.log import Log
 from frontend.overhead import BESIDE
-from frontend.search import Found, Progress, looked_at, search_images
+from frontend.search import Found, Progress, Search, looked_at, search_images
 from frontend.tags import SeenTags, detect_tags
 from graphslam.geometry import Array
 from graphslam.measurements import IntArray
@@ -52,15 +52,8 @@ def fixes_in_images(
     Raises:
         BadLog: an image has not the size that the log states.
     """
-    return search_images(
-        log,
-        numbers,
-        read_bgr,
-        lambda bgr, eye: _fixes(detect_tags(bgr, eye, config.tags)),
-        NO_FIXES,
-        config.workers,
-        progress,
-    )
+    search = Search(read_bgr, lambda bgr, eye: _fixes(detect_tags(bgr, eye, config.tags)), NO_FIXES)
+    return search_images(log, numbers, search, config.workers, progress)
 
 
 def look(log: Log, number: int, config: ExtractConfig) -> SeenTags | None:

@@ -36,7 +36,7 @@ DEFAULT_CAMERA = "floor"
 """The camera of images that name none."""
 
 AnyCamera = Camera | OverheadCamera | OmniCamera
-"""Each has `name`, `looks_at` and `image_size`."""
+"""Each has `name`, `looks_at`, `image_size` and `delay_s`."""
 
 FOUND_ALREADY = MappingProxyType(
     {

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,20 @@ class Found(Generic[Columns]):
     seen: Columns
     source: IntArray
     unreadable: int
+
+
+class Search(NamedTuple, Generic[Columns]):
+    """What is looked for in images.
+
+    Attributes:
+        read: returns an image, grey or coloured; None where it cannot be read.
+        detect: returns what an image of a camera shows.
+        nothing: what an empty image shows.
+    """
+
+    read: Read
+    detect: Callable[[NDArray[np.uint8], Any], Columns]
+    nothing: Columns
 
 
 def looked_at(
@@ -103,9 +117,7 @@ def _check_size(
 def search_images(
     log: Log,
     numbers: IntArray,
-    read: Read,
-    detect: Callable[[NDArray[np.uint8], Any], Columns],
-    nothing: Columns,
+    search: Search[Columns],
     workers: int | None,
     progress: Progress | None,
 ) -> Found[Columns]:
@@ -114,9 +126,7 @@ def search_images(
     Args:
         log: with images, and cameras that took them.
         numbers: which of the log's images to search.
-        read: returns an image, grey or coloured.
-        detect: what is looked for in an image of a camera.
-        nothing: what an empty image shows.
+        search: what is looked for.
         workers: how many images are searched at a time; None for as many as there are processors.
         progress: called with (images done, images in all).
 
@@ -125,9 +135,9 @@ def search_images(
     """
 
     def look(number: int) -> Columns | None:
-        return looked_at(log, number, read, detect)
+        return looked_at(log, number, search.read, search.detect)
 
-    return gathered(numbers, in_order(look, numbers, workers), nothing, progress)
+    return gathered(numbers, in_order(look, numbers, workers), search.nothing, progress)
 
 
 def gathered(

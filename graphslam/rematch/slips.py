@@ -177,8 +177,17 @@ def _spacings(rho: Array) -> Array:
 
 
 def _sizes(gap: Gap, spacings: Array, least_gain: float) -> list[float]:
-    """Returns by how much the path may have slipped in a gap, m, to either side."""
-    sizes = [float(sign * s) for s in spacings for sign in (1.0, -1.0)]
+    """Returns by how much the path may have slipped in a gap, m, to either side.
+
+    Args:
+        gap: where it slipped.
+        spacings: (S,) distances between lines, in order.
+        least_gain: what odometry must save at least; the nearer a size is to the gap's tension, the
+            more that is.
+    """
+    either = np.concatenate([-spacings[::-1], spacings])
+    at = int(np.searchsorted(either, gap.tension))
+    sizes = either[max(at - MOST_SPACINGS, 0) : at + MOST_SPACINGS].tolist()
     sizes = [size for size in sizes if gap.gain(size) > least_gain]
     sizes.sort(key=lambda size: (-gap.gain(size), size))
     return sizes[:MOST_SPACINGS]

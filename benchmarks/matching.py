@@ -63,7 +63,7 @@ RECORDED = {
     "odometry noise drawn x3": {"odometry": 3.0, "seed": 0},
     "quarter rate, drawn x3": {"every": 4, "odometry": 3.0, "seed": 0},
 }
-LENGTHS = (1_000, 2_000, 4_000, 8_000)
+LENGTHS = (500, 1_000, 2_000, 4_000)
 ROUNDS = 3
 TIMED = (
     "filter, known",

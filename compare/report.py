@@ -82,7 +82,7 @@ def write_report(record: Record, folder: Path) -> None:
         rejected=tables.rejected(record),
         quantities=tables.quantities(record),
         timings=tables.timings(record.timings),
-        latency=tables.latency(record.timings),
+        latency=tables.latency(record),
         check=record.info.get("check"),
         places=record.info.get("places"),
         plots=plots,

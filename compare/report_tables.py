@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from compare.clock import LATENCY
 from compare.pages import method_entry
 from compare.record import Record
 from graphslam.models import MODELS
@@ -130,12 +131,37 @@ def rejected(record: Record) -> list[dict[str, str]]:
     ]
 
 
-def latency(timings: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Returns how long a node took, by method that goes from node to node, ms."""
+def latency(record: Record) -> list[dict[str, Any]]:
+    """Returns how late each method tells a pose, how good that is, and how long a node took.
+
+    Nothing where no method goes from node to node. Errors are those of poses as they were told, not
+    aligned.
+    """
+    figures = record.timings.get("latency", {})
     return [
-        {**method_entry(name), "cells": [f"{value:.2f}" for value in figures.values()]}
-        for name, figures in timings.get("latency", {}).items()
+        {**method_entry(name), "cells": [*_lag(record, name), *_node_times(figures.get(name))]}
+        for name in (record.estimates if figures else ())
     ]
+
+
+def _lag(record: Record, name: str) -> list[str]:
+    if record.estimates[name].causal:
+        after = "0"
+    elif name == "fixed-lag":
+        after = f"{record.info['config']['incremental']['lag_s']:g}"
+    else:
+        after = "whole log"
+    errors = record.metrics["methods"][name]["trajectory"] or {}
+    path = errors.get("rmse_m")
+    return [
+        after,
+        number(None if path is None else 1e3 * path),
+        number(errors.get("heading_rmse_deg")),
+    ]
+
+
+def _node_times(figures: Mapping[str, float] | None) -> list[str]:
+    return [f"{figures[name]:.2f}" if figures else DASH for name in LATENCY]
 
 
 def timings(seconds: Mapping[str, Any]) -> list[dict[str, Any]]:

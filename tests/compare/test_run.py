@@ -17,6 +17,7 @@ import pytest
 from compare import run as run_module
 from compare.cli import main
 from compare.config import RunConfig
+from compare.report_tables import number
 from compare.run import RunResult, extract_log, run_log
 from compare.run_many import run_logs
 from frontend.extract import extract
@@ -285,6 +286,14 @@ def test_methods_that_go_from_node_to_node_tell_how_long_a_node_took(tmp_path: P
     page = (result.folder / "report.html").read_text()
     block = page.split("<!-- timings -->")[1].split("<!-- /timings -->")[0]
     assert f"{latency['isam2']['median_ms']:.2f}" in block
+    rows = [re.findall(r"<td>(.*?)</td>", row) for row in block.split("<tr>")]
+    rows = [row for row in rows if len(row) == 8]
+    told = [row[1] for row in rows]
+    assert told == ["0", "0", "0", f"{RunConfig().incremental.lag_s:g}", "whole log"]
+    judged = json.loads((result.folder / "metrics.json").read_text())["methods"]
+    path = [judged[name]["trajectory"]["rmse_m"] for name in methods]
+    assert [row[2] for row in rows] == [number(1e3 * error) for error in path]
+    assert [row[4] == "–" for row in rows] == [True, False, False, False, True]
 
 
 def test_check_holds_both_engines_against_each_other_and_says_so(

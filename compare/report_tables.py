@@ -134,8 +134,8 @@ def rejected(record: Record) -> list[dict[str, str]]:
 def latency(record: Record) -> list[dict[str, Any]]:
     """Returns how late each method tells a pose, how good that is, and how long a node took.
 
-    Nothing where no method goes from node to node. Errors are those of poses as they were told, not
-    aligned.
+    Nothing where no method goes from node to node. Errors are those of poses as they were told,
+    after one rigid motion of the whole path.
     """
     figures = record.timings.get("latency", {})
     return [
@@ -152,11 +152,11 @@ def _lag(record: Record, name: str) -> list[str]:
     else:
         after = "whole log"
     errors = record.metrics["methods"][name]["trajectory"] or {}
-    path = errors.get("rmse_m")
+    path = errors.get("aligned_rmse_m")
     return [
         after,
         number(None if path is None else 1e3 * path),
-        number(errors.get("heading_rmse_deg")),
+        number(errors.get("aligned_heading_rmse_deg")),
     ]
 
 

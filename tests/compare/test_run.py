@@ -291,7 +291,7 @@ def test_methods_that_go_from_node_to_node_tell_how_long_a_node_took(tmp_path: P
     told = [row[1] for row in rows]
     assert told == ["0", "0", "0", f"{RunConfig().incremental.lag_s:g}", "whole log"]
     judged = json.loads((result.folder / "metrics.json").read_text())["methods"]
-    path = [judged[name]["trajectory"]["rmse_m"] for name in methods]
+    path = [judged[name]["trajectory"]["aligned_rmse_m"] for name in methods]
     assert [row[2] for row in rows] == [number(1e3 * error) for error in path]
     assert [row[4] == "–" for row in rows] == [True, False, False, False, True]
 

@@ -192,6 +192,9 @@ through CHOLMOD with block ordering; GTSAM is this project's reference engine by
 
 ![Total time against the number of poses](performance.svg)
 
+GTSAM's own Levenberg-Marquardt, on the same custom factors and on native ones, is in
+[benchmarks](../benchmarks/README.md), and so is iSAM2.
+
 Growth with the number of poses, as the exponent of a power law:
 
 {exponents}

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from graphslam.association import labels_agree, mahalanobis
 from graphslam.config import RematchConfig
-from graphslam.geometry import Array, compose
+from graphslam.geometry import Array, compose, line_to_floor, position_along
 from graphslam.measurements import IntArray
 from graphslam.models.line import LINE
 from graphslam.rematch.fitted import UNMATCHED, Fitted, table_of
@@ -95,8 +95,8 @@ def moved(
     lines = fitted.of_kind(LINE.kind)
     own = np.zeros(len(problem.kinds), bool)
     own[lines] = (outside[lines] == 0) & ~problem.fixed[lines]
-    params[own, :2], along = _line_moved(params[own, :2], move.motion)
-    extent[own] += along[:, None]
+    params[own, :2] = line_to_floor(params[own, :2], move.motion)
+    extent[own] += position_along(params[own, :2], move.motion[:2])[:, None]
     problem = replace(problem, pose=pose, params=params)
     first, table = table_of(problem, LINE.kind)
     if move.motion[2]:
@@ -135,7 +135,7 @@ def matched(after: Moved, fitted: Fitted, config: RematchConfig) -> Problem:
     seen = np.bincount(left[left >= 0], minlength=len(problem.kinds))
     new = np.flatnonzero((seen >= config.min_sightings) & ~after.own)
     params = np.vstack([problem.params, problem.params[new]])
-    params[len(problem.kinds) :, :2] = _line_moved(problem.params[new, :2], after.motion)[0]
+    params[len(problem.kinds) :, :2] = line_to_floor(problem.params[new, :2], after.motion)
     for number, landmark in enumerate(new.tolist()):
         match[left == landmark] = len(problem.kinds) + number
     return replace(
@@ -145,14 +145,6 @@ def matched(after: Moved, fitted: Fitted, config: RematchConfig) -> Problem:
         fixed=np.append(problem.fixed, np.zeros(len(new), bool)),
         params=params,
     )
-
-
-def _line_moved(line: Array, motion: Array) -> tuple[Array, Array]:
-    """Returns lines (k, 2) after a motion (3,), and by how much positions along them (k,) grow."""
-    alpha = line[:, 1] + motion[2]
-    c, s = np.cos(alpha), np.sin(alpha)
-    rho = line[:, 0] + c * motion[0] + s * motion[1]
-    return np.column_stack([rho, alpha]), c * motion[1] - s * motion[0]
 
 
 def promise(after: Moved, fitted: Fitted, move: Move, config: RematchConfig) -> float:

@@ -19,6 +19,7 @@ from graphslam.measurements import Measurements, Odometry
 from graphslam.rematch.decide import decide
 from graphslam.rematch.fitted import UNMATCHED, Fitted, renumbered
 from graphslam.rematch.merge import merges
+from graphslam.rematch.rounds import merged, without_small
 from graphslam.rematch.window import sliding_window
 from graphslam.smoother.batch import finish, minimise
 from graphslam.smoother.problem import Problem, state_problem
@@ -183,11 +184,7 @@ def _with_measurements(fitted: Fitted, measurements: Measurements) -> Fitted:
 def _decided(fitted: Fitted, config: SmootherConfig) -> Fitted:
     """Returns the minimum after deciding every match again, and merging what is one."""
     rules = config.rematching
-    match = decide(fitted, rules).match
-    for a, b in merges(fitted, rules):
-        match = np.where(match == max(a, b), min(a, b), match)
-    count = np.bincount(match[match >= 0], minlength=len(fitted.problem.kinds))
-    small = (count < rules.min_sightings) & ~fitted.problem.fixed
-    match = np.where(np.append(small, False)[match], UNMATCHED, match)
+    match = merged(decide(fitted, rules).match, merges(fitted, rules))
+    match, _ = without_small(match, fitted.problem, rules.min_sightings)
     problem = renumbered(fitted.problem, match)
     return Fitted.of(problem, minimise(problem, config))

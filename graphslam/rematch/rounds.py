@@ -91,8 +91,10 @@ def _one_round(fitted: Fitted, rules: RematchConfig) -> tuple[Problem, Counter[s
     done: Counter[str] = Counter()
     problem = fitted.problem
     decision = decide(fitted, rules)
-    match = _merged(decision.match, merges(fitted, rules), done)
-    match = _without_small(match, problem, rules.min_sightings, done)
+    pairs = merges(fitted, rules)
+    match = merged(decision.match, pairs)
+    match, dropped = without_small(match, problem, rules.min_sightings)
+    done[MERGED], done[DROPPED] = len(pairs), dropped
     alone = np.flatnonzero(decision.alone & (match == UNMATCHED))
     before = len(problem.kinds)
     problem = start_landmarks(replace(problem, match=match), alone, rules)
@@ -104,16 +106,20 @@ def _one_round(fitted: Fitted, rules: RematchConfig) -> tuple[Problem, Counter[s
     return renumbered(problem, problem.match), done
 
 
-def _merged(match: IntArray, pairs: IntArray, done: Counter[str]) -> IntArray:
+def merged(match: IntArray, pairs: IntArray) -> IntArray:
+    """Returns matches (K,) with pairs (p, 2) of landmarks made one, by the name of the first."""
     for a, b in pairs:
         keep, other = min(a, b), max(a, b)  # known landmarks come first
         match = np.where(match == other, keep, match)
-    done[MERGED] += len(pairs)
     return match
 
 
-def _without_small(match: IntArray, problem: Problem, fewest: int, done: Counter[str]) -> IntArray:
+def without_small(match: IntArray, problem: Problem, fewest: int) -> tuple[IntArray, int]:
+    """Returns matches (K,) without landmarks that have too few, and how many those were.
+
+    Known landmarks stay, however few.
+    """
     count = np.bincount(match[match >= 0], minlength=len(problem.kinds))
     small = (count < fewest) & ~problem.fixed
-    done[DROPPED] += int(np.sum(small & (count > 0)))
-    return np.where(np.append(small, False)[match], UNMATCHED, match)
+    dropped = int(np.sum(small & (count > 0)))
+    return np.where(np.append(small, False)[match], UNMATCHED, match), dropped

@@ -13,8 +13,9 @@ from graphslam.measurements import IntArray
 from graphslam.models import MODELS
 from graphslam.rematch.crowd import DENSITY
 from graphslam.rematch.fitted import UNMATCHED, Fitted, of_landmark_kinds, stretches_by_sighting
+from graphslam.rematch.laid import laid_odds
 from graphslam.rematch.reach import gap_price
-from graphslam.rematch.view import miss_price
+from graphslam.rematch.view import watched
 from graphslam.smoother.problem import Problem
 from graphslam.smoother.robust import ODOMETRY_DIM, SMALLEST_WEIGHT
 
@@ -28,16 +29,18 @@ def objective(fitted: Fitted, config: RematchConfig) -> float:
     the minimum, but for what all matches share: the cost of the minimum; half the gate for each
     sighting left out, so that a sighting is worth matching exactly while it costs less; the odds
     against each gap in a landmark; how improbable it is that landmarks in view were seen as often
-    as they were (`view.miss_price`); and for all landmarks together what they might be against how
-    closely they are known. So two landmarks are worth merging while chance would not explain as
-    well that they lie so near to each other (`crowd.most_surprise`). An increment that is switched
-    off costs half of `slip_price`.
+    as they were (`view.watched`); for all landmarks together what they might be against how closely
+    they are known, and how much more probable lines are where others lead one to expect them
+    (`laid.laid_odds`). So two landmarks are worth merging while chance would not explain as well
+    that they lie so near to each other (`crowd.most_surprise`). An increment that is switched off
+    costs half of `slip_price`.
     """
-    return without_landmarks(fitted.problem, fitted.minimum.cost, config) + _landmarks(fitted)
+    priced = without_landmarks(fitted.problem, fitted.minimum.cost, config)
+    return priced + _landmarks(fitted) - laid_odds(fitted)
 
 
 def without_landmarks(problem: Problem, cost: float, config: RematchConfig) -> float:
-    """Returns `objective` without the price of the landmarks, which alone needs covariances.
+    """Returns `objective` without what landmarks cost by their places, which needs covariances.
 
     Args:
         problem: path, map and matches at the minimum.
@@ -46,8 +49,9 @@ def without_landmarks(problem: Problem, cost: float, config: RematchConfig) -> f
     """
     out = float(np.sum(of_landmark_kinds(problem) & (problem.match == UNMATCHED)))
     slipped = float(np.sum(problem.odometry_weight < 0.5)) * slip_price(config)
-    gaps = float(gap_price(_gaps_within(problem), config).sum())
-    return cost + 0.5 * (config.gate * out + slipped + gaps) + miss_price(problem)
+    lines = watched(problem, config)
+    gaps = float(gap_price(_gaps_within(problem), config, lines.ends).sum())
+    return cost + 0.5 * (config.gate * out + slipped + gaps) + lines.price
 
 
 def slip_price(config: RematchConfig) -> float:

@@ -13,24 +13,18 @@ from graphslam.geometry import Array
 from graphslam.measurements import IntArray, Sightings
 from graphslam.models import Model
 from graphslam.models.base import Stretched
+from graphslam.rematch.ends import POWER, UNKNOWN, Ends
 from graphslam.rematch.fitted import Fitted
 
-EVIDENCE = 4.0
-"""Twice the power of its inverse by which the odds of a gap fall."""
 
-
-def gap_price(gap: Array, config: RematchConfig) -> Array:
-    """Returns what a gap (m) between stretches costs, as a squared distance.
-
-    Lines are finite: the odds that two stretches with a gap between are one line fall as the gap's
-    inverse square, and never to nothing.
-    """
-    return np.asarray(EVIDENCE * np.log1p(gap / config.gap_m))
+def gap_price(gap: Array, config: RematchConfig, ends: Ends = UNKNOWN) -> Array:
+    """Returns what a gap (m) between stretches costs, as a squared distance; see `Ends.price`."""
+    return 2.0 * ends.price(gap, config)
 
 
 def widest_gap(gate: float, config: RematchConfig) -> float:
     """Returns the gap, m, that costs as much as a gate allows."""
-    return config.gap_m * math.expm1(gate / EVIDENCE)
+    return config.gap_m * math.expm1(0.5 * gate / POWER)
 
 
 def close_pairs(

@@ -10,7 +10,6 @@ from itertools import islice
 from graphslam.config import RematchConfig, SmootherConfig
 from graphslam.rematch.fitted import Fitted, renumbered
 from graphslam.rematch.moving import matched, moved, near_lines, promise
-from graphslam.rematch.parallel import parallel_odds
 from graphslam.rematch.rounds import LEAST_GAIN, Minimise, Rematched, rounds
 from graphslam.rematch.slips import moves
 from graphslam.smoother.problem import Problem
@@ -40,7 +39,7 @@ def straightened(best: Rematched, config: SmootherConfig, minimise: Minimise) ->
     if first is best:
         return best
     other = _moved_on(best, config, minimise, DOZEN)
-    return first if _value(first) <= _value(other) else other
+    return first if first.objective <= other.objective else other
 
 
 def _moved_on(best: Rematched, config: SmootherConfig, minimise: Minimise, among: int) -> Rematched:
@@ -55,23 +54,14 @@ def _moved_on(best: Rematched, config: SmootherConfig, minimise: Minimise, among
                 break
             left -= 1
             tried = rounds(problem, config, minimise, known, most)
-            if _value(tried) < _value(best) - LEAST_GAIN:
+            if tried.objective < best.objective - LEAST_GAIN:
                 better.append(tried)
         if not better:
             break
-        found = min(better, key=_value)
+        found = min(better, key=lambda tried: tried.objective)
         counts = Counter(best.counts) + Counter(found.counts) + Counter({SHIFTED: 1})
         best = replace(found, counts=dict(counts))
     return best
-
-
-def _value(tried: Rematched) -> float:
-    """Returns the objective, with how probable the directions of the lines are.
-
-    Moves change how many lines there are, on a floor whose lines are nearly all parallel: there one
-    more is less of a coincidence than the objective, which knows of no directions, has it.
-    """
-    return tried.objective - parallel_odds(tried.fitted.problem)
 
 
 def _candidates(fitted: Fitted, rules: RematchConfig) -> Iterator[Problem]:

@@ -18,7 +18,7 @@ from graphslam.rematch.objective import objective
 from graphslam.rematch.rounds import rounds
 from graphslam.rematch.shifting import SHIFTED, straightened
 from graphslam.rematch.slips import moves
-from graphslam.rematch.view import miss_price
+from graphslam.rematch.view import NOTHING, watched
 from graphslam.smoother import state_problem
 from graphslam.smoother.batch import minimise
 
@@ -73,7 +73,7 @@ def test_a_path_that_slipped_is_put_back(floor: Fitted, slip: str) -> None:
     assert np.abs(start.fitted.problem.pose - floor.problem.pose)[-1].max() > 0.9 * PITCH_M
     found = straightened(start, AGAIN, minimise)
     assert np.allclose(found.fitted.problem.pose, floor.problem.pose, atol=0.01)
-    assert found.objective <= objective(floor, RULES) + 1e-6
+    assert found.objective <= objective(floor, RULES) + 1e-3
     assert found.counts[SHIFTED] >= 1
 
 
@@ -99,7 +99,7 @@ def test_the_move_that_takes_a_slip_back_promises_most(floor: Fitted) -> None:
 
 
 def test_lines_in_view_that_are_not_seen_cost_something(floor: Fitted) -> None:
-    price = miss_price(floor.problem)
+    price = watched(floor.problem, RULES).price
     double = floor.problem.match.copy()
     line = int(np.bincount(double[double >= 0]).argmax())
     own = np.flatnonzero(double == line)
@@ -111,9 +111,9 @@ def test_lines_in_view_that_are_not_seen_cost_something(floor: Fitted) -> None:
         fixed=np.append(floor.problem.fixed, False),
         params=np.vstack([floor.problem.params, floor.problem.params[line]]),
     )
-    assert miss_price(two) > price + 0.5 * len(own)
+    assert watched(two, RULES).price > price + 0.5 * len(own)
 
 
 def test_without_sightings_nothing_is_known_of_the_view(floor: Fitted) -> None:
     nothing = np.full(len(floor.problem.match), -1)
-    assert miss_price(replace(floor.problem, match=nothing)) == 0.0
+    assert watched(replace(floor.problem, match=nothing), RULES) == NOTHING

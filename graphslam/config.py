@@ -160,7 +160,9 @@ class SmootherConfig:
     """Squared normalised residual of a sighting of two dimensions that still counts as right
     (chi-square, 99.9 %); other dimensions take the same probability."""
     robust_odometry: bool = False
-    """Whether the kernel acts on odometry's increments, too: for wheels that slip or are lifted."""
+    """Whether the kernel acts on odometry's increments, too: for wheels that slip or are lifted.
+    Without it `smoother.rematch` alone switches increments off, where a slip is the more probable,
+    and counts them."""
     rematch: bool = False
     """Whether all matches are decided again after smoothing: landmarks that are one are merged,
     those that are two split, rejected sightings revived, loops closed, until nothing changes."""

@@ -18,6 +18,7 @@ from graphslam.rematch.fitted import UNMATCHED, of_landmark_kinds, renumbered
 from graphslam.rematch.objective import slip_price
 from graphslam.rematch.rounds import LEAST_GAIN, Minimise, Rematched, rounds
 from graphslam.rematch.shifting import straightened
+from graphslam.rematch.slipping import may_have_slipped, slipped
 from graphslam.rematch.split import split_at_gaps, split_joins
 from graphslam.rematch.starts import parted
 from graphslam.rematch.submaps import submaps
@@ -26,7 +27,7 @@ from graphslam.rematch.torn import mend, tears
 from graphslam.rematch.window import sliding_window
 from graphslam.smoother.fit import odometry_fit
 from graphslam.smoother.problem import Problem, state_problem
-from graphslam.smoother.robust import minimise_robustly
+from graphslam.smoother.robust import SMALLEST_WEIGHT, minimise_robustly
 
 REVIVED = "rejected sightings revived by rematching"
 REJECTED = "sightings rejected by rematching"
@@ -49,9 +50,23 @@ def rematch(
 ) -> tuple[Problem, dict[str, int]]:
     """Returns the problem with its matches decided again, at its minimum, and what was changed.
 
+    Slips are looked for where increments are robust and, whether they are or not, where something
+    says that there was one: they are then priced, and kept where they are the more probable.
+
     Raises:
         UnderConstrained: the measurements do not determine every pose and landmark.
     """
+    best = _searched(problem, config, minimise)
+    if not config.robust_odometry and may_have_slipped(best.fitted.problem, config.rematching):
+        best = _with_slips(best, problem, config, minimise)
+    counts = Counter(best.counts) + compared(problem.match, best.fitted.problem.match)
+    if not best.settled:
+        counts[UNSETTLED] = 1
+    return best.fitted.problem, dict(sorted(counts.items()))
+
+
+def _searched(problem: Problem, config: SmootherConfig, minimise: Minimise) -> Rematched:
+    """Returns the best of what deciding again makes of a problem, from all starts there are."""
     window_m = config.rematching.window_m
     best = settle(problem, config, minimise)
     surety = None if config.robust_odometry else Surety(problem, config.rematching)
@@ -64,11 +79,19 @@ def rematch(
         found = sliding_window(problem.measurements, EkfConfig(), window_m)
         afresh = state_problem(problem.measurements, found.match, found)
         best = _better(best, settle(afresh, config, minimise), AFRESH)
-    best = straightened(split_at_gaps(best, config, minimise), config, minimise)
-    counts = Counter(best.counts) + compared(problem.match, best.fitted.problem.match)
-    if not best.settled:
-        counts[UNSETTLED] = 1
-    return best.fitted.problem, dict(sorted(counts.items()))
+    return straightened(split_at_gaps(best, config, minimise), config, minimise)
+
+
+def _with_slips(
+    best: Rematched, problem: Problem, config: SmootherConfig, minimise: Minimise
+) -> Rematched:
+    """Returns the matches found with slips looked for, where there are any and it is the better."""
+    config = replace(config, robust="gnc", robust_odometry=True)
+    found = _searched(problem, config, minimise)
+    places = slipped(found.fitted.problem)
+    if not places or found.objective >= best.objective - LEAST_GAIN:
+        return best
+    return replace(found, counts={**found.counts, MENDED: places})
 
 
 def _better(best: Rematched, other: Rematched, name: str) -> Rematched:
@@ -110,14 +133,14 @@ def settle(problem: Problem, config: SmootherConfig, minimise: Minimise) -> Rema
 def _robust(problem: Problem, config: SmootherConfig, minimise: Minimise) -> Problem:
     """Returns the problem at a robust minimum, without what that switches off.
 
-    Increments stay switched off only where they are far from fitting: one right increment in a
-    thousand is not a slip.
+    Increments are switched off only where they are far from fitting: one right increment in a
+    thousand is not a slip. All others count in full.
     """
     kernel = config if config.robust != "none" else replace(config, robust="gnc")
     problem, minimum = minimise_robustly(problem, kernel, minimise)
     squared = odometry_fit(problem.measurements, minimum.pose)
-    small = (problem.odometry_weight < 0.5) & (squared <= slip_price(config.rematching))
-    weight = np.where(small, 1.0, problem.odometry_weight)
+    slip = (problem.odometry_weight < 0.5) & (squared > slip_price(config.rematching))
+    weight = np.where(slip, SMALLEST_WEIGHT, 1.0)
     problem = replace(problem, pose=minimum.pose, params=minimum.params, odometry_weight=weight)
     return renumbered(problem, np.where(problem.weight > 0.5, problem.match, UNMATCHED))
 

@@ -64,7 +64,7 @@ def tears(fitted: Fitted, config: SmootherConfig, minimise: Minimise) -> Iterato
     """
     way = travelled(fitted.problem.pose)
     reach = 2.0 * config.rematching.submap_m
-    for first, last in _gaps(fitted, config.rematching.window_m):
+    for first, last in gaps(parted(fitted.problem, config.rematching.window_m)):
         begin = int(np.searchsorted(way, way[first] - reach))
         end = int(np.searchsorted(way, way[last] + reach, side="right"))
         before = local_map(fitted, begin, first + 1, config, minimise)
@@ -90,26 +90,35 @@ def mend(problem: Problem, tear: Tear) -> Problem:
     return replace(problem, pose=pose, params=params, odometry_weight=weight)
 
 
-def _gaps(fitted: Fitted, window_m: float) -> Iterator[tuple[int, int]]:
-    """Yields nodes (before, behind) between which no line is seen on both sides."""
-    match = parted(fitted.problem, window_m).match
-    used = np.flatnonzero(match >= 0)
-    count = int(match.max(initial=-1)) + 1
-    nodes = len(fitted.problem.pose)
-    first, last = np.full(count, nodes), np.full(count, -1)
-    np.minimum.at(first, match[used], fitted.node[used])
-    np.maximum.at(last, match[used], fitted.node[used])
+def gaps(recent: Problem) -> Iterator[tuple[int, int]]:
+    """Yields nodes (before, behind) between which no line is seen on both sides.
+
+    Args:
+        recent: matches with every landmark parted where it was left behind.
+    """
+    match, node, nodes = recent.match, nodes_of(recent), len(recent.pose)
+    first, last = lifetimes(recent)
     # how many landmarks were seen both at or before a node, and at or after the next one
     spanning = np.zeros(nodes + 1, np.int64)
     np.add.at(spanning, first[last >= 0], 1)
     np.add.at(spanning, last[last >= 0], -1)
     spanning = np.cumsum(spanning)[: nodes - 1]
     seen = np.zeros(nodes, bool)
-    seen[fitted.node[used]] = True
+    seen[node[match >= 0]] = True
     at = np.flatnonzero(seen)
     for before, behind in zip(at[:-1].tolist(), at[1:].tolist(), strict=True):
         if not spanning[before:behind].any():
             yield before, behind
+
+
+def lifetimes(problem: Problem) -> tuple[IntArray, IntArray]:
+    """Returns the first node (M,) that saw each landmark, and the last; N and -1 where none did."""
+    count, node = len(problem.kinds), nodes_of(problem)
+    used = np.flatnonzero(problem.match >= 0)
+    first, last = np.full(count, len(problem.pose)), np.full(count, -1)
+    np.minimum.at(first, problem.match[used], node[used])
+    np.maximum.at(last, problem.match[used], node[used])
+    return first, last
 
 
 def _mended(fitted: Fitted, before: Submap, after: Submap) -> tuple[Array, IntArray] | None:

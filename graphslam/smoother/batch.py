@@ -22,8 +22,7 @@ CHAIN_FROM = 5_000
 HOPELESS = 3.0
 """Misfit from which on a minimum counts as a wrong one, its start as too far off."""
 SWITCHED_OFF = "sighting switched off by the robust kernel"
-
-SLIPPED = "increment of odometry switched off by the robust kernel"
+SLIPPED = "increment of odometry switched off as a slip"
 
 
 def smooth(

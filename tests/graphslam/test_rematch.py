@@ -19,12 +19,13 @@ from graphslam.measurements import Measurements, Odometry, Sightings
 from graphslam.rematch import rematch
 from graphslam.rematch.rematch import MENDED, MOVED, REVIVED
 from graphslam.rematch.rounds import DROPPED, MERGED, STARTED, rounds
+from graphslam.rematch.slipping import may_have_slipped
 from graphslam.rematch.split import SPLIT, split_at_gaps
 from graphslam.rematch.starts import parted
 from graphslam.rematch.sure import Surety
 from graphslam.rematch.window import sliding_window, way_of
 from graphslam.smoother import smooth, state_problem
-from graphslam.smoother.batch import minimise
+from graphslam.smoother.batch import SLIPPED, minimise
 from tests.worlds import GRID, drive
 
 KNOWN = EkfConfig(MatchingConfig(method="known"))
@@ -185,6 +186,30 @@ def test_where_a_wheel_slipped_the_path_is_mended() -> None:
     names = measurements.sightings["line"].truth
     assert one_landmark_each(smoothed.match, names)
     assert smoothed.counts[MENDED] == 1
+
+
+@pytest.mark.parametrize("lost_after", [0, EkfConfig().lost_after], ids=["torn", "bent"])
+def test_a_slip_is_mended_without_robust_odometry_too_and_said(lost_after: int) -> None:
+    measurements, truth = slipped()
+    filtered = run_ekf(measurements, EkfConfig(lost_after=lost_after))
+    smoothed = smooth(measurements, filtered, AGAIN)
+    assert off(smoothed, truth) < 0.1
+    assert one_landmark_each(smoothed.match, measurements.sightings["line"].truth)
+    assert smoothed.counts[MENDED] == 1
+    assert 1 <= smoothed.counts[SLIPPED] <= 6
+
+
+def test_slips_are_looked_for_only_where_something_says_so(
+    world: tuple[Measurements, np.ndarray],
+) -> None:
+    for measurements, match, suspected in (
+        (*world, False),
+        (slipped()[0], slipped()[0].sightings["line"].truth, True),
+    ):
+        problem = state_problem(measurements, np.unique(match, return_inverse=True)[1])
+        minimum = minimise(problem, AGAIN)
+        found = replace(problem, pose=minimum.pose, params=minimum.params)
+        assert may_have_slipped(found, AGAIN.rematching) == suspected
 
 
 @pytest.mark.parametrize(("sigma", "whole"), [(0.0005, True), (0.02, False)])

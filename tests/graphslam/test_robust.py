@@ -97,7 +97,7 @@ def test_a_slip_and_wrong_matches_are_told_apart():
     assert path_rmse(estimate, truth) < 1.3 * clean
     assert (estimate.weight[wrong] < 0.5).mean() > 0.95
     assert (estimate.weight[~wrong] < 0.5).mean() < 0.02
-    assert estimate.counts["increment of odometry switched off by the robust kernel"] <= 2
+    assert estimate.counts["increment of odometry switched off as a slip"] <= 2
 
 
 def test_what_is_switched_off_is_counted_and_not_used():

@@ -30,8 +30,8 @@ MOST_SHIFTS, MOST_TURNS = 160, 24
 """Shifts, and turns, that are looked at closely."""
 NEXT = 6
 """Nodes between gaps in two directions in which a path may slip at once."""
-MOST_BACK = 64
-"""Gaps after a slip in which it may be taken back."""
+NEXT_BACK, BEST_BACK = 16, 48
+"""Gaps after a slip in which it may be taken back: the next, and the likeliest of all."""
 BIN_M = 0.02
 PLACES = 3
 """Places across each direction of lines where a stretch is laid after a turn: the nearest."""
@@ -137,14 +137,25 @@ def _shifts(fitted: Fitted, group: Direction, least_gain: float) -> Iterator[Mov
     seen = np.unique(fitted.node[np.isin(fitted.problem.match, group.lines)])
     gaps = list(_gaps(fitted, seen, group.normal))
     spacings = _spacings(group.rho)
+    likeliest: dict[float, list[int]] = {}
     for number, gap in enumerate(gaps):
         for size in _sizes(gap, spacings, least_gain):
             motion, gain = np.append(-size * group.normal, 0.0), gap.gain(size)
             yield Move(gap.last, nodes, motion, gain)
-            for back in gaps[number + 1 : number + 1 + MOST_BACK]:
-                both = gain + back.gain(-size)
+            if size not in likeliest:
+                likeliest[size] = _likeliest(gaps, -size)
+            later = set(range(number + 1, min(number + 1 + NEXT_BACK, len(gaps))))
+            later |= {back for back in likeliest[size] if back > number}
+            for back in sorted(later):
+                both = gain + gaps[back].gain(-size)
                 if both > least_gain:
-                    yield Move(gap.last, back.last, motion, both)
+                    yield Move(gap.last, gaps[back].last, motion, both)
+
+
+def _likeliest(gaps: list[Gap], size: float) -> list[int]:
+    """Returns the gaps in which a slip of ``size`` is the likeliest."""
+    gain = np.array([gap.gain(size) for gap in gaps])
+    return [int(number) for number in np.argsort(-gain, kind="stable")[:BEST_BACK]]
 
 
 def _gaps(fitted: Fitted, nodes: IntArray, normal: Array) -> Iterator[Gap]:

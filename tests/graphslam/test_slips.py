@@ -12,6 +12,7 @@ from frontend.simulate import load_scenario, simulate_log
 from graphslam.config import EkfConfig, MatchingConfig, RematchConfig, SmootherConfig
 from graphslam.ekf import run_ekf
 from graphslam.geometry import rotation
+from graphslam.rematch import slips
 from graphslam.rematch.fitted import Fitted, renumbered
 from graphslam.rematch.moving import Move, Moved, matched, moved, near_lines, promise
 from graphslam.rematch.objective import objective
@@ -96,6 +97,19 @@ def test_the_move_that_takes_a_slip_back_promises_most(floor: Fitted) -> None:
     )
     assert np.allclose(best.motion, -motion, atol=0.02)
     assert abs(best.first - SLIPPED) <= 5
+
+
+def test_a_slip_that_was_taken_back_much_later_is_found(
+    floor: Fitted, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(slips, "NEXT_BACK", 2)
+    motion, last = np.array([PITCH_M, 0.0, 0.0]), len(floor.problem.pose) - 4
+    there = moved(floor, Move(5, last, motion, 0.0), near_lines(floor, RULES), RULES)
+    wrong = matched(there, floor, RULES)
+    wrong = renumbered(wrong, wrong.match)
+    fitted = Fitted.of(wrong, minimise(wrong, AGAIN))
+    found = [move for move in moves(fitted, -15.0) if np.allclose(move.motion, -motion, atol=0.02)]
+    assert any(abs(move.first - 5) <= 5 and abs(move.last - last) <= 5 for move in found)
 
 
 def test_lines_in_view_that_are_not_seen_cost_something(floor: Fitted) -> None:

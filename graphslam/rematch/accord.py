@@ -41,23 +41,37 @@ class Compared:
     """Whether closings say the same.
 
     They do by the landmarks that they match alike, and by how they lay one stretch of the path on
-    another: as the way between them has it, or not.
+    another: as the way between them has it, or not. As with sightings there are two gates: what
+    lies between them neither says the same, nor is it another place.
     """
 
-    def __init__(self, maps: tuple[Submap, ...], spread: Spread, gate: float) -> None:
-        self._maps, self._spread, self._gate = maps, spread, gate
+    def __init__(
+        self, maps: tuple[Submap, ...], spread: Spread, gate: float, gate_other: float
+    ) -> None:
+        """Takes what closings are compared by.
+
+        Args:
+            maps: that are laid on each other.
+            spread: how far odometry may be off.
+            gate: squared Mahalanobis distance up to which two closings lay the path alike.
+            gate_other: the same, beyond which only one of them can be true.
+        """
+        self._maps, self._spread = maps, spread
+        self._gate, self._gate_other = gate, gate_other
 
     def agree(self, one: list[Closing], other: list[Closing]) -> bool:
-        """Returns whether two groups match landmarks alike, and nothing in them contradicts."""
+        """Returns whether two groups match landmarks alike, and nothing in them differs."""
         alike = _all_pairs(one) & _all_pairs(other)
-        return len(alike) >= COMMON and not self.contradict(one, other)
+        if len(alike) < COMMON:
+            return False
+        return not any(self._differ(c, d, self._gate) for c in one for d in other)
 
     def contradict(self, one: list[Closing], other: list[Closing]) -> bool:
         """Returns whether a closing of one group cannot be true with one of the other."""
-        return any(self._differ(c, d) for c in one for d in other)
+        return any(self._differ(c, d, self._gate_other) for c in one for d in other)
 
-    def _differ(self, one: Closing, other: Closing) -> bool:
-        """Returns whether only one of two closings can be true.
+    def _differ(self, one: Closing, other: Closing, gate: float) -> bool:
+        """Returns whether two closings name different landmarks, or lie farther apart than a gate.
 
         One landmark in two pairs is a mishap while both lay the path alike: short lines lie near
         to each other. Several are another place.
@@ -69,7 +83,7 @@ class Compared:
             return False
         if different >= COMMON and CLEARLY * different > alike:
             return True
-        return self._distance(one, other) > self._gate
+        return self._distance(one, other) > gate
 
     def _distance(self, one: Closing, other: Closing) -> float:
         """Returns the squared Mahalanobis distance between two ways to lay a place on another.

@@ -64,29 +64,32 @@ def closures(
     """Returns which submaps are one place beyond doubt.
 
     A closure needs at least two pairs of submaps that agree, both directions fixed, and no rival
-    that fits nearly as well.
+    that fits nearly as well. What contradicts a closure beyond doubt is no rival of another.
 
     Args:
         fitted: path, map and matches.
         maps: of stretches of the path.
-        config: the gate within which odometry must agree.
+        config: the gates within which odometry must agree, and beyond which places are others.
         slips: whether the robot may have slipped between any two places.
     """
     slip = SLIP if slips else None
     spread = Spread(fitted.problem.pose, fitted.problem.measurements.odometry, slip)
     found = list(_closings(maps, spread, config))
-    compared = Compared(maps, spread, gate_for(config.gate, DIM))
+    gates = (gate_for(gate, DIM) for gate in (config.gate, config.gate_new))
+    compared = Compared(maps, spread, *gates)
     groups = grouped(found, compared)
     strength = [sum(c.score_m for c in group) for group in groups]
     accepted, refused = [], Counter[str]()
+    possible = set(range(len(groups)))
     for n in sorted(range(len(groups)), key=lambda n: (-strength[n], n)):
         group = groups[n]
-        if len(group) < 2:
+        if len(group) < 2 or n not in possible:
             continue
-        rivals = [k for k, other in enumerate(groups) if compared.contradict(group, other)]
-        strongest = max((strength[k] for k in rivals if k != n), default=0.0)
+        rivals = {k for k in possible - {n} if compared.contradict(group, groups[k])}
+        strongest = max((strength[k] for k in rivals), default=0.0)
         if strength[n] >= CLEARLY * strongest:
             accepted.append(pairs_of(group))
+            possible -= rivals
         elif strength[n] >= strongest:
             refused[REFUSED + _why(group, found, fitted, maps)] += 1
     return Closures(tuple(accepted), dict(refused))

@@ -156,6 +156,8 @@ def _closed(best: Rematched, config: SmootherConfig, minimise: Minimise) -> Rema
     for group in found.groups:
         problem = best.fitted.problem
         tried = _joined(problem, [_now(rows, problem.match, pair) for pair in group])
+        if np.array_equal(tried.match, problem.match):
+            continue  # what was closed before has joined them already
         tried = _robust(tried, config, minimise)
         closed = rounds(tried, config, minimise)
         later = [np.flatnonzero(rows == b) for _, b in group]

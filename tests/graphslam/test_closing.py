@@ -5,19 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from graphslam.baseline import integrate
 from graphslam.config import EkfConfig, SmootherConfig
 from graphslam.ekf import run_ekf
 from graphslam.estimate import Estimate
 from graphslam.line_maps.alignment import Alignment
 from graphslam.line_maps.line_map import LineMap
 from graphslam.measurements import Measurements, Odometry
+from graphslam.rematch import closing
 from graphslam.rematch.accord import Closing, Compared
-from graphslam.rematch.closing import MOST, candidates, shifts_in_words
+from graphslam.rematch.closing import MOST, candidates, closures, shifts_in_words
+from graphslam.rematch.fitted import Fitted
 from graphslam.rematch.rematch import CLOSED, DOUBTED
 from graphslam.rematch.spread import Spread
 from graphslam.rematch.submaps import Submap
-from graphslam.smoother import smooth
+from graphslam.smoother import smooth, state_problem
+from graphslam.smoother.batch import minimise
 from tests.graphslam.loops import loop_drive
 
 AGAIN = SmootherConfig(engine="chain", rematch=True)
@@ -84,17 +86,31 @@ def test_the_number_of_comparisons_grows_with_the_way_not_with_its_square() -> N
     assert many < 1.2 * 4 * few
 
 
-CLOSE, ELSEWHERE = np.zeros(3), np.array([0.5, 0.0, 0.0])
+CLOSE, BESIDE, ELSEWHERE = np.zeros(3), np.array([0.08, 0.0, 0.0]), np.array([0.5, 0.0, 0.0])
 
 
-def laid(a: int, b: int, pairs: set[tuple[int, int]], motion: np.ndarray) -> Closing:
+def laid(
+    a: int, b: int, pairs: set[tuple[int, int]], motion: np.ndarray, score_m: float = 3.0
+) -> Closing:
     """Returns a closing of two submaps, sure to a centimetre."""
-    none = np.zeros((0, 2))
-    cov, matches = 1e-4 * np.eye(3), none.astype(int)
+    common = np.zeros((1, 2))
+    cov, matches = 1e-4 * np.eye(3), common.astype(int)
     alignment = Alignment(
-        motion, cov, np.linalg.inv(cov), None, matches, matches, none, 3.0, 0.0, 3.0
+        motion, cov, np.linalg.inv(cov), None, matches, matches, common, score_m, 0.0, score_m
     )
-    return Closing(a, b, frozenset(pairs), 3.0, alignment)
+    return Closing(a, b, frozenset(pairs), score_m, alignment)
+
+
+def straight_on() -> tuple[Fitted, tuple[Submap, ...]]:
+    """Returns a straight path by good odometry, and four submaps of it."""
+    step = np.tile([0.1, 0.0, 0.0], (99, 1))
+    odometry = Odometry(step, np.broadcast_to(1e-6 * np.eye(3), (99, 3, 3)))
+    start = np.zeros(3), 1e-12 * np.eye(3)
+    measurements = Measurements(0.1 * np.arange(100), *start, odometry, {})
+    problem = state_problem(measurements, np.zeros(0, int))
+    lines = LineMap.exact(np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]]))
+    maps = tuple(Submap(n, n + 10, np.arange(1), lines) for n in (0, 10, 80, 90))
+    return Fitted.of(problem, minimise(problem, AGAIN)), maps
 
 
 @pytest.mark.parametrize(
@@ -102,6 +118,7 @@ def laid(a: int, b: int, pairs: set[tuple[int, int]], motion: np.ndarray) -> Clo
     [
         ({(1, 21), (2, 22), (3, 23)}, CLOSE, True, False),
         ({(1, 21), (2, 22), (3, 24)}, CLOSE, True, False),  # one wrong pair is a mishap
+        ({(1, 21), (2, 22), (3, 23)}, BESIDE, False, False),  # laid badly, and no other place
         ({(1, 22), (2, 23), (4, 24)}, CLOSE, False, True),
         ({(1, 21), (2, 22), (3, 23)}, ELSEWHERE, False, True),  # walls fit wherever they are laid
         ({(7, 27), (8, 28), (9, 29)}, ELSEWHERE, False, False),
@@ -110,13 +127,32 @@ def laid(a: int, b: int, pairs: set[tuple[int, int]], motion: np.ndarray) -> Clo
 def test_closings_agree_by_the_lines_they_match_and_by_where_they_lay_the_path(
     pairs: set[tuple[int, int]], motion: np.ndarray, agree: bool, contradict: bool
 ) -> None:
-    step = np.tile([0.1, 0.0, 0.0], (99, 1))
-    odometry = Odometry(step, np.broadcast_to(1e-6 * np.eye(3), (99, 3, 3)))
-    spread = Spread(integrate(np.zeros(3), step), odometry)
-    empty = LineMap.exact(np.zeros((0, 2)), np.zeros((0, 2)))
-    maps = tuple(Submap(n, n + 10, np.arange(3), empty) for n in (0, 10, 80, 90))
-    compared = Compared(maps, spread, 17.0)
+    fitted, maps = straight_on()
+    spread = Spread(fitted.problem.pose, fitted.problem.measurements.odometry)
+    compared = Compared(maps, spread, 17.0, 87.0)
     one = [laid(0, 2, {(1, 21), (2, 22), (3, 23)}, CLOSE)]
     other = [laid(1, 3, pairs, motion)]
     assert compared.agree(one, other) == agree
     assert compared.contradict(one, other) == contradict
+
+
+def test_what_one_closure_rules_out_is_no_rival_of_the_next(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    fitted, maps = straight_on()
+    right = {(1, 21), (2, 22), (3, 23)}
+    further = {(4, 24), (5, 25), (6, 26)}
+    wrong = {(1, 24), (2, 25), (4, 27), (5, 28)}
+    found = [
+        *(laid(0, 2, right, CLOSE, score_m) for score_m in (8.0, 7.0)),
+        *(laid(1, 3, further, CLOSE, score_m) for score_m in (3.0, 2.0)),
+        *(laid(1, 2, wrong, ELSEWHERE, score_m) for score_m in (2.0, 1.0)),
+    ]
+    monkeypatch.setattr(closing, "_closings", lambda *_: iter(found))
+    first = closures(fitted, maps, AGAIN.rematching, slips=False)
+    assert first.groups == (tuple(sorted(right)), tuple(sorted(further)))
+    assert not first.refused
+    del found[:2]  # nothing says any more that the wrong one is
+    alone = closures(fitted, maps, AGAIN.rematching, slips=False)
+    assert not alone.groups
+    assert sum(alone.refused.values()) == 1

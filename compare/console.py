@@ -70,11 +70,11 @@ class Progress:
 
 
 def print_result(result: RunResult) -> None:
-    """Prints a run's warnings to standard error, its figures, verdict and report to output."""
+    """Prints warnings and alarms to standard error; figures, verdict and report to output."""
     from compare.verdict_methods import alarms
 
     assert result.comparison is not None
-    warn(result.log.name, result.warnings)
+    warn(result.log.name, (*result.warnings, *alarms(result.comparison.methods)))
     metrics = result.comparison.to_dict()
     table = Table(title=Text(result.log.name), title_justify="left", title_style="bold")
     table.add_column("method")
@@ -89,8 +89,6 @@ def print_result(result: RunResult) -> None:
     console.print(table)
     if metrics["verdict"]:
         console.print(Text(metrics["verdict"][0]))
-        for sentence in alarms(result.comparison.methods):
-            console.print(Text(sentence))
     for sentence in result.places:
         console.print(Text(sentence))
     if result.check is not None:
@@ -111,7 +109,7 @@ def print_extracted(result: RunResult) -> None:
 
 
 def warn(name: str, warnings: Iterable[str]) -> None:
-    """Prints what is doubtful about a log to standard error."""
+    """Prints what is doubtful about a log, or what was made of it, to standard error."""
     for warning in warnings:
         print(f"graphslam: warning: {name}: {warning}", file=sys.stderr)
 

@@ -15,6 +15,7 @@ from compare.consistency import Overconfidence, Surprise
 from compare.maps import MapLines, MapMetrics
 from compare.matching import MatchingTable
 from compare.points import PointMetrics
+from compare.verdict_methods import alarms
 from graphslam.estimate import Unobserved
 
 METRICS_FORMAT = "graphslam-metrics/1"
@@ -41,6 +42,7 @@ def comparison_content(comparison: Comparison) -> dict[str, Any]:
         "bound": None if comparison.bound is None else _columns(comparison.bound),
         "agreement": [_agreement(entry) for entry in comparison.agreement],
         "verdict": comparison.verdict,
+        "alarms": list(alarms(comparison.methods)),
     }
     return dict(plain(content))
 

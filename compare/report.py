@@ -68,6 +68,7 @@ def write_report(record: Record, folder: Path) -> None:
         version=record.info["versions"]["floorline-slam"],
         facts=tables.facts(record),
         verdict=record.metrics["verdict"],
+        alarms=record.metrics.get("alarms", ()),
         methods=[method_entry(name) for name in record.estimates],
         summary=summary(record.metrics),
         seen=seen,

@@ -11,6 +11,7 @@ from compare.agreement import Agreement
 from compare.comparison import Comparison, MethodMetrics
 from compare.noise import noise_sentence
 from compare.verdict_methods import (
+    alarms,
     beaten_by_odometry,
     cautions,
     honesty,
@@ -66,6 +67,7 @@ def verdict(comparison: Comparison) -> tuple[str, ...]:
     return (
         *_neither(methods, pair, comparison.kinds),
         *_headline(methods, findings, pair, judged),
+        *alarms(methods),
         *([] if judged else [NO_TRUTH]),
         *(finding.sentence for finding in findings),
         *_best_possible(comparison),

@@ -11,7 +11,7 @@ from compare.points import PointMetrics
 from compare.words import capital, listed, metres, noun
 from graphslam.elsewhere import OTHER_PLACES
 from graphslam.ending import GAP_M
-from graphslam.estimate import LOOP_OPEN, Unobserved
+from graphslam.estimate import LOOP_DOUBTED, LOOP_OPEN, Unobserved
 
 MOST_WAYS = 3
 """So many ways without a sighting are told, the longest first; of the others only the number."""
@@ -119,6 +119,12 @@ def alarms(methods: Sequence[MethodMetrics]) -> Iterator[str]:
                     f"{m.method} left {places} open where the path comes back to where it was "
                     f"before: {reason.removeprefix(LOOP_OPEN)}. The map may be double there."
                 )
+            if reason.startswith(LOOP_DOUBTED):
+                loops = "one loop" if times == 1 else f"{times} loops"
+                yield (
+                    f"{m.method} closed {loops} as its first estimate did, but in doubt: "
+                    f"{reason.removeprefix(LOOP_DOUBTED)}. Look whether the map fits there."
+                )
             if reason.startswith(OTHER_PLACES):
                 yield (
                     f"{m.method} does not know its place: {times} {reason}. Give [start] in the "
@@ -135,7 +141,7 @@ def alarms(methods: Sequence[MethodMetrics]) -> Iterator[str]:
 
 
 def cautions(methods: Sequence[MethodMetrics]) -> Iterator[str]:
-    """Yields what no method can know from this run, and which was lost or unfinished."""
+    """Yields what no method can know from this run."""
     for m in methods:
         if m.sightings_used:
             for direction in (u for u in m.unobserved if u.stretch is None):
@@ -146,7 +152,6 @@ def cautions(methods: Sequence[MethodMetrics]) -> Iterator[str]:
                 "compared as it stands: [start] must be in the frame of the true map."
             )
     yield from _ways(methods)
-    yield from alarms(methods)
 
 
 def _ways(methods: Sequence[MethodMetrics]) -> Iterator[str]:

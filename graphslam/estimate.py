@@ -24,6 +24,8 @@ Told = Callable[[int], None]
 
 LOOP_OPEN = "loop not closed: "
 """How counts of loops that could not be closed begin; the reason follows."""
+LOOP_DOUBTED = "loop closed by the first estimate, but in doubt: "
+"""The same of loops that were closed already, and would stay open without that."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from graphslam.association import gate_for
 from graphslam.config import RematchConfig
+from graphslam.estimate import LOOP_OPEN
 from graphslam.geometry import (
     Array,
     points_on_line,
@@ -42,7 +43,6 @@ STRAIGHT_M, STRAIGHT = 0.05, 0.1
 DIM = 3
 SLIP = np.array([MOST_SHIFT_M, MOST_SHIFT_M, math.radians(MOST_TURN_DEG)]) / 3.0
 """Standard deviations of a slip, m, m, rad: what `torn` looks for is three of them."""
-REFUSED = "loop not closed: "
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,7 @@ def closures(
             accepted.append(pairs_of(group))
             possible -= rivals
         elif strength[n] >= strongest:
-            refused[REFUSED + _why(group, found, fitted, maps)] += 1
+            refused[LOOP_OPEN + _why(group, found, fitted, maps)] += 1
     return Closures(tuple(accepted), dict(refused))
 
 

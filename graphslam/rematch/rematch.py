@@ -9,10 +9,11 @@ import numpy as np
 
 from graphslam.association import labels_agree
 from graphslam.config import EkfConfig, SmootherConfig
+from graphslam.estimate import LOOP_DOUBTED, LOOP_OPEN
 from graphslam.landmarks import labels_seen
 from graphslam.measurements import IntArray
 from graphslam.rematch.adrift import adrift, moored
-from graphslam.rematch.closing import REFUSED, closures
+from graphslam.rematch.closing import closures
 from graphslam.rematch.decide import APART
 from graphslam.rematch.fitted import UNMATCHED, of_landmark_kinds, renumbered
 from graphslam.rematch.objective import slip_price
@@ -38,7 +39,6 @@ MENDED = "places where odometry slipped mended by rematching"
 MOORED = "stretches of nodes without odometry put in their place by rematching"
 AFRESH = "rematching began anew from a pass of its own that forgets what it has left behind"
 UNSETTLED = "rematching stopped before nothing changed any more"
-DOUBTED = "loop closed by the first estimate, but in doubt: "
 AGAIN = "rematching began anew without the loops that the first estimate closed"
 
 HOPELESS = 0.1
@@ -103,8 +103,8 @@ def _better(best: Rematched, other: Rematched, name: str) -> Rematched:
 
 def _doubts(again: Rematched) -> dict[str, int]:
     """Returns in words which loops of a first estimate would not be closed without it."""
-    named = {name: n for name, n in again.counts.items() if name.startswith(REFUSED)}
-    return {DOUBTED + name.removeprefix(REFUSED): n for name, n in named.items()}
+    named = {name: n for name, n in again.counts.items() if name.startswith(LOOP_OPEN)}
+    return {LOOP_DOUBTED + name.removeprefix(LOOP_OPEN): n for name, n in named.items()}
 
 
 def _left_out(problem: Problem) -> float:

@@ -348,7 +348,14 @@ def test_an_unfinished_optimisation_is_said_beside_the_figures(
 ) -> None:
     arguments = ["run", str(log), "--out", str(tmp_path / "out")]
     assert main([*arguments, "--smoother.max-iterations", "1"]) == 0
-    assert "smoother did not converge in 1 iterations" in " ".join(capsys.readouterr().out.split())
+    told = capsys.readouterr()
+    assert ": smoother did not converge in 1 iterations" in told.err
+    assert "did not converge" not in told.out
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
+    assert metrics["alarms"] == [s for s in metrics["verdict"] if "did not converge" in s]
+    assert '<li class="warn">smoother did not converge' in (
+        tmp_path / "out" / "report.html"
+    ).read_text(encoding="utf-8")
 
 
 def test_a_method_that_fails_leaves_the_others_their_results(

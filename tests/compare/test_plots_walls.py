@@ -15,7 +15,7 @@ from compare.verdict_methods import alarms
 from compare.walls import plan_layers, wall_parts
 from frontend.log import open_log
 from graphslam.baseline import dead_reckoning
-from graphslam.estimate import LOOP_OPEN
+from graphslam.estimate import LOOP_DOUBTED, LOOP_OPEN
 from graphslam.measurements import LandmarkMap, Measurements, Odometry, Sightings
 
 
@@ -66,3 +66,13 @@ def test_loops_that_stay_open_are_told():
     [told] = alarms([method])  # type: ignore[list-item]
     assert told.startswith("loops left 2 places open")
     assert "too few walls agree" in told
+
+
+def test_loops_that_are_closed_but_in_doubt_are_told():
+    also = "shifted in x by 1.50 m it also fits"
+    method = SimpleNamespace(
+        method="smoother", counts={LOOP_DOUBTED + also: 1}, converged=True, iterations=3
+    )
+    [told] = alarms([method])  # type: ignore[list-item]
+    assert told.startswith("smoother closed one loop as its first estimate did, but in doubt")
+    assert also in told

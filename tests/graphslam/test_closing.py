@@ -7,7 +7,7 @@ import pytest
 
 from graphslam.config import EkfConfig, SmootherConfig
 from graphslam.ekf import run_ekf
-from graphslam.estimate import Estimate
+from graphslam.estimate import LOOP_DOUBTED, Estimate
 from graphslam.line_maps.alignment import Alignment
 from graphslam.line_maps.line_map import LineMap
 from graphslam.measurements import Measurements, Odometry
@@ -15,7 +15,7 @@ from graphslam.rematch import closing
 from graphslam.rematch.accord import Closing, Compared
 from graphslam.rematch.closing import MOST, candidates, closures, shifts_in_words
 from graphslam.rematch.fitted import Fitted
-from graphslam.rematch.rematch import CLOSED, DOUBTED
+from graphslam.rematch.rematch import CLOSED
 from graphslam.rematch.spread import Spread
 from graphslam.rematch.submaps import Submap
 from graphslam.smoother import smooth, state_problem
@@ -48,7 +48,7 @@ def test_a_loop_is_closed_and_every_line_is_one_landmark(seed: int) -> None:
 
 def test_on_a_periodic_floor_the_shifts_that_also_fit_are_named() -> None:
     counts = rematched(loop_drive(0, period_m=1.5)).counts
-    (named,) = [name for name in counts if name.startswith(DOUBTED)]
+    (named,) = [name for name in counts if name.startswith(LOOP_DOUBTED)]
     assert "in x by -1.5" in named
     assert named.endswith("m it also fits")
 

@@ -126,6 +126,16 @@ def stretches_by_sighting(problem: Problem) -> Array:
     return seen
 
 
+def partition(match: IntArray) -> IntArray:
+    """Returns matches (K,) with landmarks numbered as they are met: alike for the same groups."""
+    landmarks, first, place = np.unique(match, return_index=True, return_inverse=True)
+    rank = np.empty(len(landmarks), np.int64)
+    left_out = int(np.sum(landmarks == UNMATCHED))
+    first[:left_out] = -1
+    rank[np.argsort(first, kind="stable")] = np.arange(len(landmarks)) - left_out
+    return np.asarray(rank[place])
+
+
 def renumbered(problem: Problem, match: IntArray) -> Problem:
     """Returns the problem under other matches, without the landmarks that nobody sees any more.
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from itertools import islice
 
 from graphslam.config import RematchConfig, SmootherConfig
-from graphslam.rematch.fitted import Fitted, renumbered
+from graphslam.rematch.fitted import Fitted, partition, renumbered
 from graphslam.rematch.moving import matched, moved, near_lines, promise
 from graphslam.rematch.rounds import LEAST_GAIN, Minimise, Rematched, rounds
 from graphslam.rematch.slips import moves
@@ -35,15 +35,26 @@ def straightened(best: Rematched, config: SmootherConfig, minimise: Minimise) ->
     Where there are any, the first move that lowers it and the one of a dozen that lowers it most
     may lead to different ends, of which the lower is returned.
     """
-    first = _moved_on(best, config, minimise, 1)
+    vain: set[bytes] = set()
+    first = _moved_on(best, config, minimise, 1, vain)
     if first is best:
         return best
-    other = _moved_on(best, config, minimise, DOZEN)
+    other = _moved_on(best, config, minimise, DOZEN, vain)
     return first if first.objective <= other.objective else other
 
 
-def _moved_on(best: Rematched, config: SmootherConfig, minimise: Minimise, among: int) -> Rematched:
-    """Returns the matches after moves, each the best of the first ``among`` that promise most."""
+def _moved_on(
+    best: Rematched, config: SmootherConfig, minimise: Minimise, among: int, vain: set[bytes]
+) -> Rematched:
+    """Returns the matches after moves, each the best of the first ``among`` that promise most.
+
+    Args:
+        best: where to begin.
+        config: rules.
+        minimise: finds minima.
+        among: how many moves are tried before the best of them is taken.
+        vain: where trials have begun that led nowhere; those of this search are added.
+    """
     left = MOST_TRIALS
     while left > 0:
         better: list[Rematched] = []
@@ -53,9 +64,14 @@ def _moved_on(best: Rematched, config: SmootherConfig, minimise: Minimise, among
             if better and number >= among:
                 break
             left -= 1
+            begin = known.tobytes() + partition(problem.match).tobytes()
+            if begin in vain:
+                continue
             tried = rounds(problem, config, minimise, known, most)
             if tried.objective < best.objective - LEAST_GAIN:
                 better.append(tried)
+            else:
+                vain.add(begin)
         if not better:
             break
         found = min(better, key=lambda tried: tried.objective)
@@ -65,13 +81,20 @@ def _moved_on(best: Rematched, config: SmootherConfig, minimise: Minimise, among
 
 
 def _candidates(fitted: Fitted, rules: RematchConfig) -> Iterator[Problem]:
-    """Yields the problem after each move worth a trial, most promising first."""
+    """Yields the problem after each move worth a trial, most promising first.
+
+    What puts the same sightings together as they are, or as another move has them, is no trial.
+    """
     near, found = near_lines(fitted, rules), []
     for move in moves(fitted, ALLOWED):
         value = promise(moved(fitted, move, near, rules), fitted, move, rules)
         if value > LEAST_PROMISE:
             found.append((value, move))
     found.sort(key=lambda pair: (-pair[0], pair[1].first, pair[1].last))
+    seen = {partition(fitted.problem.match).tobytes()}
     for _, move in found:
         problem = matched(moved(fitted, move, near, rules), fitted, rules)
-        yield renumbered(problem, problem.match)
+        name = partition(problem.match).tobytes()
+        if name not in seen:
+            seen.add(name)
+            yield renumbered(problem, problem.match)

@@ -33,15 +33,14 @@ def most_surprise(S: Array) -> Array:
     return np.asarray(-2.0 * math.log(DENSITY) - d * math.log(2.0 * math.pi) - np.log(det))
 
 
-def by_chance(problem: Problem, model: Model, S: Array, config: RematchConfig) -> Array:
+def by_chance(density: float, S: Array, config: RematchConfig) -> Array:
     """Returns how many landmarks (...) would lie within a gate by chance.
 
     A distance says how well two things fit, not how little else would: after a long stretch without
     a landmark seen twice everything fits something. There only groups of lines tell places apart.
 
     Args:
-        problem: its map says how dense landmarks are.
-        model: of the kind of landmark.
+        density: of landmarks, see `density_of`.
         S: (..., d, d) covariances of residuals.
         config: the gate.
     """
@@ -49,10 +48,10 @@ def by_chance(problem: Problem, model: Model, S: Array, config: RematchConfig) -
     root = np.sqrt(np.maximum(np.linalg.det(S), 0.0))
     ball = math.pi ** (d / 2.0) / math.gamma(d / 2.0 + 1.0)
     volume = ball * gate_for(config.gate, d) ** (d / 2.0) * root
-    return np.asarray(_density(problem, model) * volume)
+    return np.asarray(density * volume)
 
 
-def _density(problem: Problem, model: Model) -> float:
+def density_of(problem: Problem, model: Model) -> float:
     """Returns how many landmarks of a kind there are for each unit of the residual's space.
 
     As if they were spread evenly over what is seen of them from the middle of the path.

@@ -8,17 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from graphslam.association import gate_for, labels_agree, mahalanobis
+from graphslam.association import gate_for, mahalanobis
 from graphslam.config import RematchConfig
 from graphslam.geometry import Array
 from graphslam.measurements import IntArray, Sightings
 from graphslam.models import MODELS, Model
-from graphslam.rematch.crowd import by_chance, most_surprise
+from graphslam.rematch.candidates import within_reach
+from graphslam.rematch.crowd import by_chance, density_of, most_surprise
 from graphslam.rematch.fitted import UNMATCHED, Fitted, of_landmark_kinds
-from graphslam.rematch.reach import close_pairs, gap_price
+from graphslam.rematch.reach import gap_price
 
-CHUNK = 200_000
-"""Pairs of sighting and landmark that are looked at in one go."""
 KEEP = 9.0
 """How much better, in squared Mahalanobis distance, another landmark must be than the present."""
 CROWDED = 1.0
@@ -103,7 +102,7 @@ def _pairs(
     config: RematchConfig,
 ) -> Pairs:
     problem, dim = fitted.problem, model.dim_landmark
-    row, landmark = _within_reach(fitted, model, table, landmarks, config)
+    row, landmark = within_reach(fitted, model, table, landmarks, config)
     pose, params = problem.pose[table.node[row]], problem.params[landmark, :dim]
     e, J_p, J_l = model.residual(pose, params, table.z[row])
     J = np.concatenate([J_p, J_l], axis=-1)
@@ -115,56 +114,11 @@ def _pairs(
     S = _definite(S, R)
     gap = _gaps(fitted, model, table, row, landmark)
     distance = mahalanobis(e, S) + gap_price(gap, config)
-    distance[~own & (by_chance(problem, model, S, config) > CROWDED)] = np.inf
+    distance[~own & (by_chance(density_of(problem, model), S, config) > CROWDED)] = np.inf
     gate, gate_new = (gate_for(gate, model.dim_z) for gate in (config.gate, config.gate_new))
     most = np.where(own, gate, np.minimum(gate, most_surprise(S)))
     beside = (distance <= gate_new) & (gap <= APART * config.gap_m)
     return Pairs(first + row, landmark, distance, distance <= most, beside)
-
-
-def _within_reach(
-    fitted: Fitted, model: Model, table: Sightings, landmarks: IntArray, config: RematchConfig
-) -> tuple[IntArray, IntArray]:
-    """Returns rows of the table and landmarks that could lie within the wide gate, labels alike.
-
-    The covariance of a sum is at most twice the sum of the covariances: this bound needs no
-    correlations, which are dear, and loses no pair.
-    """
-    problem, dim = fitted.problem, model.dim_landmark
-    gate = gate_for(config.gate_new, model.dim_z)
-    row, column = close_pairs(fitted, model, table, landmarks, config)
-    alike = labels_agree(table.label[row], fitted.label[landmarks[column]])
-    row, landmark = row[alike], landmarks[column[alike]]
-    sigma_pose = np.sqrt(np.diagonal(fitted.cov_pose, axis1=1, axis2=2))
-    sigma_map = _sigmas(fitted, dim)
-    kept = [np.zeros(0, np.int64)]
-    for begin in range(0, len(row), CHUNK):
-        part = np.arange(begin, min(begin + CHUNK, len(row)))
-        node, of, R = table.node[row[part]], landmark[part], table.cov[row[part]]
-        params = problem.params[of, :dim]
-        e, J_p, J_l = model.residual(problem.pose[node], params, table.z[row[part]])
-        # no entry of e is farther off than the gate, whatever the others are: this is cheap
-        most = 2.0 * (_reach(J_p, sigma_pose[node]) ** 2 + _reach(J_l, sigma_map[of]) ** 2)
-        most += np.diagonal(R, axis1=1, axis2=2)
-        near = np.flatnonzero((e * e <= gate * most).all(axis=1))
-        e, J_p, J_l, R = e[near], J_p[near], J_l[near], R[near]
-        node, of = node[near], of[near]
-        S = J_p @ fitted.cov_pose[node] @ np.swapaxes(J_p, -1, -2)
-        S += J_l @ fitted.landmark_cov(of, of, dim) @ np.swapaxes(J_l, -1, -2)
-        kept.append(part[near[mahalanobis(e, 2.0 * S + R) <= gate]])
-    pairs = np.concatenate(kept)
-    return row[pairs], landmark[pairs]
-
-
-def _sigmas(fitted: Fitted, dim: int) -> Array:
-    """Returns standard deviations (M, dim) of the landmarks that have so many parameters."""
-    variance = np.append(np.diagonal(fitted.cov_joint), np.zeros(dim))
-    return np.asarray(np.sqrt(np.maximum(variance[fitted.offsets[:-1, None] + np.arange(dim)], 0)))
-
-
-def _reach(J: Array, sigma: Array) -> Array:
-    """Returns the largest standard deviations (k, d) of ``J x``, whatever the correlations of x."""
-    return np.asarray(np.einsum("kij,kj->ki", np.abs(J), sigma))
 
 
 def _gaps(

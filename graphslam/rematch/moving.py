@@ -22,8 +22,8 @@ NEW_LINE = 10.0
 """About what a line more costs, in units of the objective."""
 SAME = 0.3
 """Part of the gate within which sightings of a moved line are of one that is there already."""
-FEW = 50_000
-"""Pairs of a sighting and a line up to which looking for those that are near does not pay."""
+CHUNK = 200_000
+"""Pairs of a sighting and a line that are looked at in one go."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +51,7 @@ class Moved:
         problem: path and map moved, matches as they were.
         motion: (3,) of the stretch, floor frame.
         own: (M,) which landmarks moved along.
+        rows: (k,) rows of the lines' table that moved.
         row: (P,) row of the lines' table for each pair of a sighting that moved and a line.
         landmark: (P,) the line.
         distance: (P,) squared Mahalanobis distance between both, lines known within `SLACK_M`.
@@ -59,18 +60,36 @@ class Moved:
     problem: Problem
     motion: Array
     own: NDArray[np.bool_]
+    rows: IntArray
     row: IntArray
     landmark: IntArray
     distance: Array
 
 
-def near_lines(fitted: Fitted, config: RematchConfig) -> tuple[IntArray, IntArray]:
-    """Returns rows (P,) of the lines' table and lines (P,) near enough to be one."""
-    lines, table = fitted.of_kind(LINE.kind), table_of(fitted.problem, LINE.kind)[1]
-    if len(lines) * len(table) <= FEW:
-        return np.repeat(np.arange(len(table)), len(lines)), np.tile(lines, len(table))
+def near_lines(fitted: Fitted, reach: float, config: RematchConfig) -> tuple[IntArray, IntArray]:
+    """Returns rows (P,) of the lines' table and lines (P,) that a shift may lay on each other.
+
+    Args:
+        fitted: path, map and matches.
+        reach: largest shift, m.
+        config: gate, and how far along a line a sighting may lie.
+    """
+    problem, lines = fitted.problem, fitted.of_kind(LINE.kind)
+    table = table_of(problem, LINE.kind)[1]
     row, column = close_pairs(fitted, LINE, table, lines, config)
-    return row, lines[column]
+    kept = [np.zeros(0, np.int64)]
+    for begin in range(0, len(row), CHUNK):
+        part = slice(begin, begin + CHUNK)
+        node, line = table.node[row[part]], problem.params[lines[column[part]], :2]
+        e, _, _ = LINE.residual(problem.pose[node], line, table.z[row[part]])
+        S = table.cov[row[part]]
+        most = reach + np.sqrt(config.gate * (S[:, 0, 0] + SLACK_M**2))
+        near = (np.abs(e[:, 0]) <= most) & (e[:, 1] ** 2 <= config.gate * S[:, 1, 1])
+        kept.append(begin + np.flatnonzero(near))
+    pairs = np.concatenate(kept)
+    row, landmark = row[pairs], lines[column[pairs]]
+    alike = labels_agree(table.label[row], fitted.label[landmark])
+    return row[alike], landmark[alike]
 
 
 def moved(
@@ -81,7 +100,7 @@ def moved(
     Args:
         fitted: path, map and matches.
         move: what moves.
-        near: `near_lines` where they are now, which is near enough for a shift.
+        near: `near_lines` for shifts that far, or farther.
         config: how far along a line a sighting may lie.
     """
     problem = fitted.problem
@@ -100,13 +119,14 @@ def moved(
     problem = replace(problem, pose=pose, params=params)
     first, table = table_of(problem, LINE.kind)
     if move.motion[2]:
-        near = near_lines(replace(fitted, problem=problem, extent=extent), config)
+        near = near_lines(replace(fitted, problem=problem, extent=extent), 0.0, config)
     row, landmark = near
-    alike = inside[first + row] & labels_agree(table.label[row], fitted.label[landmark])
-    row, landmark = row[alike], landmark[alike]
+    there = inside[first + row]
+    row, landmark = row[there], landmark[there]
     e, _, _ = LINE.residual(pose[table.node[row]], params[landmark, :2], table.z[row])
     S = table.cov[row] + np.diag([SLACK_M**2, 0.0])
-    return Moved(problem, move.motion, own, row, landmark, mahalanobis(e, S))
+    rows = np.flatnonzero(inside[first : first + len(table)])
+    return Moved(problem, move.motion, own, rows, row, landmark, mahalanobis(e, S))
 
 
 def matched(after: Moved, fitted: Fitted, config: RematchConfig) -> Problem:
@@ -118,7 +138,7 @@ def matched(after: Moved, fitted: Fitted, config: RematchConfig) -> Problem:
     problem = after.problem
     first, table = table_of(problem, LINE.kind)
     match = problem.match.copy()
-    rows = np.unique(after.row)
+    rows = after.rows
     match[first + rows] = UNMATCHED
     taken: set[tuple[int, int]] = set()
     there = ~_absorbed(after, config)[after.landmark]
@@ -157,7 +177,7 @@ def promise(after: Moved, fitted: Fitted, move: Move, config: RematchConfig) -> 
     first, table = table_of(fitted.problem, LINE.kind)
     nearest = np.full(len(table), config.gate)
     np.minimum.at(nearest, after.row, after.distance)
-    rows = np.unique(after.row)
+    rows = after.rows
     was = fitted.problem.match[first + rows]
     free = was < 0
     own = was[~free]

@@ -10,7 +10,6 @@ from graphslam.association import gate_for
 from graphslam.config import RematchConfig
 from graphslam.geometry import Array
 from graphslam.measurements import IntArray
-from graphslam.models import MODELS
 from graphslam.rematch.crowd import DENSITY
 from graphslam.rematch.fitted import UNMATCHED, Fitted, of_landmark_kinds, stretches_by_sighting
 from graphslam.rematch.laid import laid_odds
@@ -18,8 +17,6 @@ from graphslam.rematch.reach import gap_price
 from graphslam.rematch.view import watched
 from graphslam.smoother.problem import Problem
 from graphslam.smoother.robust import ODOMETRY_DIM, SMALLEST_WEIGHT
-
-ROUNDING = 1e-12
 
 
 def objective(fitted: Fitted, config: RematchConfig) -> float:
@@ -64,20 +61,12 @@ def slip_price(config: RematchConfig) -> float:
 
 def _landmarks(fitted: Fitted) -> float:
     """Returns the price of all landmarks that are not known, together."""
-    problem = fitted.problem
-    dims = np.array([MODELS[kind].dim_landmark for kind in problem.kinds], np.int64)
-    free = np.repeat(~problem.fixed, dims)
-    cov = fitted.cov_joint[3:, 3:][np.ix_(free, free)]
-    sigma = np.sqrt(np.diagonal(cov))
-    if not len(sigma):
+    free = ~fitted.problem.fixed
+    if not free.any():
         return 0.0
-    alike = cov / sigma[:, None] / sigma[None, :]
-    _, log_det = np.linalg.slogdet(alike + ROUNDING * np.eye(len(alike)))
-    log_det += 2.0 * np.log(sigma).sum()
-    count = int(np.sum(~problem.fixed))
-    return float(
-        -0.5 * (log_det + len(sigma) * math.log(2.0 * math.pi)) - count * math.log(DENSITY)
-    )
+    size, count = int(np.array(fitted.problem.dims())[free].sum()), int(free.sum())
+    log_det = fitted.minimum.map_log_det()
+    return float(-0.5 * (log_det + size * math.log(2.0 * math.pi)) - count * math.log(DENSITY))
 
 
 def _gaps_within(problem: Problem) -> Array:

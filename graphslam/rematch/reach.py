@@ -33,7 +33,7 @@ def close_pairs(
     """Returns rows of the table and places in ``landmarks`` that no gap keeps from being one.
 
     So a sighting is compared with what is about it, not with the whole map. Landmarks of which no
-    stretch is known are about everything.
+    stretch is known are about everything. In order of landmarks, then of rows.
     """
     nodes = len(fitted.problem.pose)
     starts = table.starts(nodes)
@@ -42,9 +42,7 @@ def close_pairs(
         own = np.arange(len(table)) if near is None else _ranges(starts[near], starts[near + 1])
         rows.append(own)
         columns.append(np.full(len(own), column))
-    row, place = np.concatenate(rows), np.concatenate(columns)
-    order = np.lexsort((place, row))
-    return row[order], place[order]
+    return np.concatenate(rows), np.concatenate(columns)
 
 
 def _nodes_near(

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice
 
+import numpy as np
+
 from graphslam.config import RematchConfig, SmootherConfig
 from graphslam.rematch.fitted import Fitted, partition, renumbered
 from graphslam.rematch.moving import matched, moved, near_lines, promise
@@ -85,8 +87,10 @@ def _candidates(fitted: Fitted, rules: RematchConfig) -> Iterator[Problem]:
 
     What puts the same sightings together as they are, or as another move has them, is no trial.
     """
-    near, found = near_lines(fitted, rules), []
-    for move in moves(fitted, ALLOWED):
+    found, tried = [], moves(fitted, ALLOWED)
+    reach = max((float(np.hypot(*m.motion[:2])) for m in tried if not m.motion[2]), default=0.0)
+    near = near_lines(fitted, reach, rules)
+    for move in tried:
         value = promise(moved(fitted, move, near, rules), fitted, move, rules)
         if value > LEAST_PROMISE:
             found.append((value, move))

@@ -12,7 +12,7 @@ from graphslam.geometry import Array, compose
 from graphslam.landmarks import labels_seen
 from graphslam.measurements import IntArray, Sightings
 from graphslam.models import MODELS, Model
-from graphslam.rematch.crowd import by_chance, most_surprise
+from graphslam.rematch.crowd import by_chance, density_of, most_surprise
 from graphslam.rematch.spread import Spread
 from graphslam.smoother.problem import Problem
 
@@ -70,7 +70,7 @@ class Surety:
                 started[k] = True
         gate = np.minimum(gate_for(self._config.gate, model.dim_z), most_surprise(S))
         sure = started & (mahalanobis(e, S) <= gate)
-        sure &= by_chance(self.problem, model, S, self._config) <= CROWDED
+        sure &= by_chance(density_of(self.problem, model), S, self._config) <= CROWDED
         for k in np.flatnonzero(sure).tolist():
             expected = compose(self.problem.pose[table.node[before[k]]], motion[k])
             sure[k] = not self._has_rival(model, table, first, int(after[k]), expected, S[k])

@@ -125,6 +125,15 @@ class GtsamMinimum:
             out[row, : len(own), : len(own)] = _turned(own, theta[i])
         return out
 
+    def map_log_det(self) -> float:
+        """Returns the logarithm of the determinant of the free landmarks' joint covariance."""
+        _, joint = self.covariances()
+        free = np.repeat(~self.problem.fixed, self.problem.dims())
+        cov = joint[3:, 3:][np.ix_(free, free)]
+        sigma = np.sqrt(np.diagonal(cov))
+        _, alike = np.linalg.slogdet(cov / sigma[:, None] / sigma[None, :])
+        return float(alike + 2.0 * np.log(sigma).sum())
+
     def _tree(self) -> gtsam.GaussianBayesTree:
         linear = self.solution.linear
         with translated_errors():

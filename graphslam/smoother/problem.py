@@ -118,6 +118,10 @@ class Minimum(Protocol):
         """
         ...
 
+    def map_log_det(self) -> float:
+        """Returns the logarithm of the determinant of the free landmarks' joint covariance."""
+        ...
+
 
 def state_problem(
     measurements: Measurements,

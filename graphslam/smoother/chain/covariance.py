@@ -8,9 +8,9 @@ import scipy.sparse
 from graphslam.geometry import Array
 from graphslam.measurements import IntArray
 from graphslam.smoother.chain.chunks import POSE
-from graphslam.smoother.chain.fronts import solve_chain
-from graphslam.smoother.chain.inverse import columns, pose_marginals
+from graphslam.smoother.chain.inverse import columns, pivots_of, pose_marginals
 from graphslam.smoother.chain.linearise import carried_poses
+from graphslam.smoother.chain.pair_columns import pair_columns
 from graphslam.smoother.chain.system import System, carried_landmarks
 
 COLUMNS = 64
@@ -89,39 +89,56 @@ def _fronts_above(system: System, at: IntArray) -> Array:
 
 
 def pairs(system: System, pose: Array, node: IntArray, landmark: IntArray) -> Array:
-    """Returns joint covariances (k, 3 + l, 3 + l) of poses and landmarks, 0 for fixed landmarks."""
+    """Returns joint covariances (k, 3 + l, 3 + l) of poses and landmarks, 0 for fixed landmarks.
+
+    Each landmark costs what stands above it and above the chunks asked for in the tree of fronts,
+    not the length of the chain.
+    """
     width = int(system.dims[landmark].max(initial=0))
     out = np.zeros((len(node), POSE + width, POSE + width))
     cov, with_first = all_poses(system, pose)
     out[:, :POSE, :POSE] = cov[node]
+    order = np.lexsort((node, landmark))
+    order = order[system.var_of[landmark[order]] >= 0]
+    if not len(order):
+        return out
+    i, m = node[order], landmark[order]
+    column = np.empty((len(order), POSE, width))  # of each pose beyond the first, with its landmark
+    own, with_map = np.empty((len(order), width, width)), np.empty((len(order), POSE, width))
+    pair_columns(
+        system.symbolic,
+        system.chunks,
+        system.linear,
+        system.panel,
+        system.chain,
+        (i, system.var_of[m], m),
+        column,
+        own,
+        with_map,
+    )
     G, first = carried_poses(pose, pose[0]), _selected(system, np.arange(POSE))
-    moved = carried_landmarks(system, pose) if len(system.var_of) else np.zeros((0, 0, POSE))
-    x, step = np.empty((system.scalars, width)), np.empty((len(pose), POSE))
-    everything = np.ones(len(system.symbolic.parent), bool)
-    for m in np.unique(landmark[system.var_of[landmark] >= 0]):
-        chosen, dim = np.flatnonzero(landmark == m), system.dims[m]
-        own, of_first = system.scalar_of[m, :dim], moved[m, :dim]
-        x = np.zeros((len(x), dim))
-        x[own, np.arange(dim)] = 1.0
-        columns(system.symbolic, system.panel, x, everything)
-        with_map = x[:POSE]  # of the first pose's change and the landmark
-        mixed = of_first @ with_map
-        own_cov = x[own] + mixed + mixed.T + of_first @ first @ of_first.T
-        i = node[chosen]
-        both = with_first[i] @ of_first.T + G[i] @ (with_map + first @ of_first.T)
-        for q in range(dim):
-            column = np.ascontiguousarray(x[:, q])
-            solve_chain(
-                system.chunks,
-                system.linear,
-                system.chain,
-                column,
-                0.0,
-                system.symbolic.var_at,
-                step,
-            )
-            both[:, :, q] += step[i]
-        out[chosen, POSE : POSE + dim, POSE : POSE + dim] = own_cov
-        out[chosen, :POSE, POSE : POSE + dim] = both
-        out[chosen, POSE : POSE + dim, :POSE] = np.swapaxes(both, 1, 2)
+    moved = carried_landmarks(system, pose)[m, :width]
+    moved_t = np.swapaxes(moved, 1, 2)
+    mixed = moved @ with_map
+    own += mixed + np.swapaxes(mixed, 1, 2) + moved @ first @ moved_t
+    both = column + with_first[i] @ moved_t + G[i] @ (with_map + first @ moved_t)
+    there = np.arange(width) < system.dims[m][:, None]  # landmarks of fewer parameters
+    both = np.where(there[:, None, :], both, 0.0)
+    own = np.where(there[:, None, :] & there[:, :, None], own, 0.0)
+    out[order, POSE:, POSE:] = own
+    out[order, :POSE, POSE:] = both
+    out[order, POSE:, :POSE] = np.swapaxes(both, 1, 2)
     return out
+
+
+def log_det(system: System) -> float:
+    """Returns the logarithm of the determinant of the factorised system's inverse.
+
+    However poses and landmarks are written, as they are or beyond the first pose's change, it is
+    the same: one follows from the other by a triangular matrix of ones on the diagonal.
+    """
+    pivots = pivots_of(system.symbolic, system.panel)
+    inside = np.ones(len(system.chain), bool)
+    inside[system.chunks.bound] = False
+    total = np.log(pivots).sum() + np.log(system.chain[inside][:, [0, 2, 5]]).sum()
+    return float(-2.0 * total)

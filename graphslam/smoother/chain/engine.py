@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from graphslam.config import SmootherConfig
 from graphslam.geometry import Array, wrap
 from graphslam.measurements import IntArray
-from graphslam.smoother.chain.covariance import all_poses, last_and_map, pairs
+from graphslam.smoother.chain.covariance import all_poses, last_and_map, log_det, pairs
 from graphslam.smoother.chain.system import System, build, factor, relinearise, solution
 from graphslam.smoother.problem import Problem
 
@@ -50,6 +50,19 @@ class ChainMinimum:
         """Returns joint covariances (k, 3 + l, 3 + l) of poses and landmarks, floor frame."""
         factor(self.system, self.prior, 0.0)
         return pairs(self.system, self.pose, node, landmark)
+
+    def map_log_det(self) -> float:
+        """Returns the logarithm of the determinant of the free landmarks' joint covariance.
+
+        It is the path's, were the landmarks known, against everything's: by two factorisations and
+        without any covariance. 0 without free landmarks.
+        """
+        problem = self.system.residuals.problem
+        known = build(replace(problem, fixed=np.ones_like(problem.fixed)))
+        prior, _ = relinearise(known, self.pose, self.params)
+        factor(known, prior, 0.0)
+        factor(self.system, self.prior, 0.0)
+        return log_det(self.system) - log_det(known)
 
 
 def at_start(problem: Problem) -> ChainMinimum:

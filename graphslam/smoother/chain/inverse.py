@@ -198,10 +198,14 @@ def columns(symbolic: Symbolic, panel, x, needed):  # type: ignore[no-untyped-de
 
     A front that holds a non-zero of ``x``, or is asked for, needs all above it too.
     """
-    fronts, wide = len(symbolic.parent), x.shape[1]
-    for s in range(fronts):
-        if not needed[s]:
-            continue
+    solve_fronts(symbolic, panel, x, np.flatnonzero(needed))
+
+
+@njit(cache=True)
+def solve_fronts(symbolic, panel, x, chosen):  # type: ignore[no-untyped-def]
+    """Replaces ``x`` (n, m) by the inverse times ``x``, in chosen fronts, in order, only."""
+    wide = x.shape[1]
+    for s in chosen:
         size, first = symbolic.size[s], symbolic.scalar_start[s]
         for p in range(symbolic.pivots[s]):
             at = symbolic.panel_start[s] + p * (size + 1)
@@ -212,9 +216,7 @@ def columns(symbolic: Symbolic, panel, x, needed):  # type: ignore[no-untyped-de
                 row, value = x[symbolic.scalar[first + i]], panel[at + i]
                 for c in range(wide):
                     row[c] -= value * source[c]
-    for s in range(fronts - 1, -1, -1):
-        if not needed[s]:
-            continue
+    for s in chosen[::-1]:
         size, first = symbolic.size[s], symbolic.scalar_start[s]
         for p in range(symbolic.pivots[s] - 1, -1, -1):
             at = symbolic.panel_start[s] + p * (size + 1)
@@ -225,3 +227,14 @@ def columns(symbolic: Symbolic, panel, x, needed):  # type: ignore[no-untyped-de
                     target[c] -= value * row[c]
             for c in range(wide):
                 target[c] *= unit
+
+
+@njit(cache=True)
+def pivots_of(symbolic: Symbolic, panel):  # type: ignore[no-untyped-def]
+    """Returns the diagonal (n,) of the factor."""
+    out, count = np.empty(symbolic.pivots.sum()), 0
+    for s in range(len(symbolic.parent)):
+        for p in range(symbolic.pivots[s]):
+            out[count] = panel[symbolic.panel_start[s] + p * (symbolic.size[s] + 1) + p]
+            count += 1
+    return out

@@ -149,7 +149,8 @@ class SmootherConfig:
     engine: Engine = "auto"
     """Who minimises. gtsam: custom factors in a GTSAM graph, the definition. chain: the same
     problem by our own elimination of the chain of poses, many times faster. auto: chain from 5,000
-    nodes on; below, gtsam is done before a first run has compiled the other."""
+    nodes on, and where matches are decided again, which takes hundreds of minima; else gtsam is
+    done before a first run has compiled the other."""
     check: bool = False
     """Minimise with the other engine, too, and say how far cost and covariances agree."""
     robust: Robust = "none"

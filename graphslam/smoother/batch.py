@@ -55,6 +55,8 @@ def smooth(
         return solve(problem, config)
     from graphslam.rematch import rematch  # it imports this module
 
+    if config.engine == "auto":
+        config = replace(config, engine="chain")  # for hundreds of minima compiling pays
     found, counts = rematch(problem, config, minimise)
     estimate = solve(found, config)
     return replace(estimate, counts={**estimate.counts, **counts})

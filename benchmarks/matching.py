@@ -28,7 +28,7 @@ from matching_cases import (
 )
 from matching_loop import closings, loop
 from matching_methods import METHODS
-from smoother_scaling import grid_laps
+from smoother_scaling import corridor, grid_laps
 
 from compare import compare
 from compare.montecarlo import SeededRun, run_seeded
@@ -64,13 +64,17 @@ RECORDED = {
     "quarter rate, drawn x3": {"every": 4, "odometry": 3.0, "seed": 0},
 }
 LENGTHS = (500, 1_000, 2_000, 4_000)
+TIMED_WAYS = {
+    "laps over a grid": grid_laps,
+    "a corridor with a new line every half metre": corridor,
+}
 ROUNDS = 3
 TIMED = (
     "filter, known",
     "filter, nearest",
     "filter, gated",
     "filter, jcbb",
-    "smoother, known",
+    "smoother",
     "smoother, rematch",
 )
 
@@ -168,26 +172,27 @@ def print_times() -> None:
     """Prints how the time of filter, smoother and matching grows with the length of a log.
 
     Processor time, least of several rounds; two sightings a node. What a filter takes beyond
-    "filter, known" is its matching, what "smoother, rematch" takes beyond "smoother, known" its
-    second thoughts and the filter they start from.
+    "filter, known" is its matching, what "smoother, rematch" takes beyond "smoother" its second
+    thoughts.
     """
-    print("\n### time, µs a node\n")
-    print("| nodes | " + " | ".join(TIMED) + " |")
-    print("|---" * (len(TIMED) + 1) + "|")
-    best = {(n, m): np.inf for n in LENGTHS for m in TIMED}
-    cases = {n: Case(None, grid_laps(n)) for n in LENGTHS}
-    for _ in range(ROUNDS):
-        for (nodes, method), least in best.items():
-            begin = time.process_time()
-            METHODS[method](cases[nodes])
-            best[nodes, method] = min(least, time.process_time() - begin)
-    for nodes in LENGTHS:
-        cells = [f"{1e6 * best[nodes, method] / nodes:.0f}" for method in TIMED]
-        print(f"| {nodes:,} | " + " | ".join(cells) + " |")
-    exponents = [
-        np.polyfit(np.log(LENGTHS), np.log([best[n, m] for n in LENGTHS]), 1)[0] for m in TIMED
-    ]
-    print("| growth exponent | " + " | ".join(f"{e:.2f}" for e in exponents) + " |")
+    for title, measured in TIMED_WAYS.items():
+        print(f"\n### time, {title}, µs a node\n")
+        print("| nodes | " + " | ".join(TIMED) + " |")
+        print("|---" * (len(TIMED) + 1) + "|")
+        best = {(n, m): np.inf for n in LENGTHS for m in TIMED}
+        cases = {n: Case(None, measured(n)) for n in LENGTHS}
+        for _ in range(ROUNDS):
+            for (nodes, method), least in best.items():
+                begin = time.process_time()
+                METHODS[method](cases[nodes])
+                best[nodes, method] = min(least, time.process_time() - begin)
+        for nodes in LENGTHS:
+            cells = [f"{1e6 * best[nodes, method] / nodes:.0f}" for method in TIMED]
+            print(f"| {nodes:,} | " + " | ".join(cells) + " |")
+        exponents = [
+            np.polyfit(np.log(LENGTHS), np.log([best[n, m] for n in LENGTHS]), 1)[0] for m in TIMED
+        ]
+        print("| growth exponent | " + " | ".join(f"{e:.2f}" for e in exponents) + " |")
     print(f"\nThe line detector: {1e6 * detector_time():.0f} µs a frame of 320x240.")
 
 

@@ -44,21 +44,55 @@ def grid_laps(nodes: int) -> Measurements:
             node.append(i)
             z.append(seen[line] + rng.standard_normal(2) * SIGHTING_SIGMA)
             identity.append(line)
-    count = len(node)
+    measured = increments + rng.standard_normal((nodes - 1, 3)) * ODOMETRY_SIGMA
+    return _measurements(measured, np.array([0.6, 0.5, 0.0]), node, z, identity, None)
+
+
+def corridor(nodes: int) -> Measurements:
+    """Returns a straight way with a new line across it every half metre, none seen for long.
+
+    So the map grows with the way. Lines are a metre long, turned by up to 23°, and in view up to a
+    metre ahead.
+    """
+    rng = np.random.default_rng(1)
+    lines = nodes // 5
+    alpha = rng.uniform(-0.4, 0.4, lines)
+    x = 0.4 + 0.5 * np.arange(lines)
+    increments = np.tile([0.1, 0.0, 0.0], (nodes - 1, 1))
+    truth = integrate(np.zeros(3), increments)
+    node, z, identity = [], [], []
+    for i, pose in enumerate(truth):
+        for line in np.flatnonzero((x > pose[0]) & (x < pose[0] + 1.0)).tolist():
+            floor = np.array([x[line] * np.cos(alpha[line]), alpha[line]])
+            node.append(i)
+            z.append(line_to_robot(floor, pose) + rng.standard_normal(2) * SIGHTING_SIGMA)
+            identity.append(line)
+    measured = increments + rng.standard_normal((nodes - 1, 3)) * ODOMETRY_SIGMA
+    return _measurements(measured, np.zeros(3), node, z, identity, (-0.5, 0.5))
+
+
+def _measurements(
+    increment: np.ndarray,
+    start: np.ndarray,
+    node: list[int],
+    z: list[np.ndarray],
+    identity: list[int],
+    extent: tuple[float, float] | None,
+) -> Measurements:
+    """Returns nodes a tenth of a second apart with one table of line sightings."""
+    count, nodes = len(node), len(increment) + 1
     table = Sightings(
         "line",
         np.array(node),
         np.array(z),
         np.tile(np.diag(SIGHTING_SIGMA**2), (count, 1, 1)),
-        np.full((count, 2), np.nan),
+        np.tile(extent or (np.nan, np.nan), (count, 1)),
         0.1 * np.array(node),
         np.ones(count),
         np.array(node),
         np.array(identity),
     )
-    measured = increments + rng.standard_normal((nodes - 1, 3)) * ODOMETRY_SIGMA
-    odometry = Odometry(measured, np.tile(np.diag(ODOMETRY_SIGMA**2), (nodes - 1, 1, 1)))
-    start = np.array([0.6, 0.5, 0.0])
+    odometry = Odometry(increment, np.tile(np.diag(ODOMETRY_SIGMA**2), (nodes - 1, 1, 1)))
     return Measurements(0.1 * np.arange(nodes), start, 1e-12 * np.eye(3), odometry, {"line": table})
 
 

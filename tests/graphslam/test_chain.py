@@ -131,6 +131,8 @@ def test_both_engines_reach_one_optimum_and_know_it_equally_well(name: str) -> N
     assert correlation_units(joint, joint_theirs) < 1e-6
     assert correlation_units(cov, pose_covariances(theirs)) < 1e-6
     np.testing.assert_array_equal(joint[:3, :3] == 0, cov[-1] == 0)
+    # GTSAM takes it from the covariances, which a start to a kilometre makes nearly singular
+    assert ours.map_log_det() == pytest.approx(theirs.map_log_det(), abs=1e-3)
 
 
 @pytest.mark.parametrize("name", ["one node", "start to a metre", "two known lines", "pose fixes"])
@@ -248,6 +250,22 @@ def test_the_engine_follows_the_length_of_the_log_and_is_told(
     by_chain = smooth(measurements, filtered)
     assert by_chain.engine == "chain"
     assert smooth(measurements, filtered, SmootherConfig(engine="gtsam")).engine == "gtsam"
+
+
+def test_deciding_matches_again_takes_the_chain_however_short_the_log(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    measurements, _ = drive(2, 60)
+    engines = []
+
+    def rematch(problem: Problem, config: SmootherConfig, _: object) -> tuple[Problem, dict]:
+        engines.append(config.engine)
+        return problem, {}
+
+    monkeypatch.setattr("graphslam.rematch.rematch", rematch)
+    for engine in ("auto", "gtsam"):
+        smooth(measurements, run_ekf(measurements), SmootherConfig(engine=engine, rematch=True))
+    assert engines == ["chain", "gtsam"]
 
 
 @pytest.mark.parametrize("robust", ["none", "cauchy"])

@@ -14,7 +14,15 @@ from itertools import product
 
 import numpy as np
 
-from graphslam.geometry import Array, compose, rotation, wrap
+from graphslam.geometry import (
+    Array,
+    compose,
+    distance_from_line,
+    points_on_line,
+    position_along,
+    rotation,
+    wrap,
+)
 from graphslam.measurements import IntArray
 from graphslam.models.line import LINE
 from graphslam.rematch.fitted import Fitted, table_of
@@ -24,6 +32,8 @@ SAME_DIRECTION = np.radians(20.0)
 SAME_TURN = np.radians(5.0)
 """Turns that differ by less are one."""
 MOST_TURN = np.radians(120.0)
+NEAR_M = 2.0
+"""How far beyond each other's ends, m, lines may lie that a robot takes for each other."""
 MOST_SPACINGS = 4
 """By how many spacings, and of how many turns and places after a turn, a stretch is moved."""
 MOST_SHIFTS, MOST_TURNS = 160, 24
@@ -83,6 +93,11 @@ class Gap:
         """Returns what odometry saves when the path's slip of ``size`` is taken back."""
         return 0.5 * (self.tension**2 - (self.tension - size) ** 2) / self.sigma**2
 
+    def widest(self, least_gain: float) -> float:
+        """Returns the largest size that gains so much, 0 where none does."""
+        square = self.tension**2 - 2.0 * least_gain * self.sigma**2
+        return abs(self.tension) + float(np.sqrt(max(square, 0.0)))
+
 
 def moves(fitted: Fitted, least_gain: float) -> list[Move]:
     """Returns moves of stretches of the path that odometry allows.
@@ -136,7 +151,8 @@ def _shifts(fitted: Fitted, group: Direction, least_gain: float) -> Iterator[Mov
     nodes = len(fitted.problem.pose)
     seen = np.unique(fitted.node[np.isin(fitted.problem.match, group.lines)])
     gaps = list(_gaps(fitted, seen, group.normal))
-    spacings = _spacings(group.rho)
+    widest = max((gap.widest(least_gain) for gap in gaps), default=0.0)
+    spacings = _spacings(fitted, group, widest)
     likeliest: dict[float, list[int]] = {}
     for number, gap in enumerate(gaps):
         for size in _sizes(gap, spacings, least_gain):
@@ -177,14 +193,29 @@ def _between(nodes: IntArray, off: Array, variance: Array) -> Iterator[Gap]:
         yield Gap(first, last, float(tension[last] - tension[first]), sigma)
 
 
-def _spacings(rho: Array) -> Array:
-    """Returns the distances (S,) between any two of a group of nearly parallel lines, m."""
-    rho = np.sort(rho)
-    apart = np.abs(rho[:, None] - rho[None, :])[np.triu_indices(len(rho), 1)]
-    apart.sort()
+def _spacings(fitted: Fitted, group: Direction, widest: float) -> Array:
+    """Returns the distances (S,), m, up to the widest, between nearly parallel lines.
+
+    Only between lines that a robot may take for each other: one lies beside the other, or not far
+    from where that ends. Where they are, not at the origin, where a line's rho is lever arm.
+    """
+    params, extent = fitted.problem.params[group.lines, :2], fitted.extent[group.lines]
+    middle = points_on_line(params, extent.mean(axis=1))
+    half = 0.5 * np.ptp(extent, axis=1)
+    found = [np.zeros(0)]
+    for i in range(len(params) - 1):
+        others = slice(i + 1, None)
+        aside = np.abs(distance_from_line(params[i], middle[others]))
+        along = np.abs(position_along(params[i], middle[others] - middle[i]))
+        near = along <= half[i] + half[others] + NEAR_M
+        near &= np.abs(0.5 * wrap(2.0 * (params[others, 1] - params[i, 1]))) < SAME_TURN
+        unknown = np.isnan(along)
+        aside = np.where(unknown, np.abs(group.rho[others] - group.rho[i]), aside)
+        found.append(aside[(near | unknown) & (aside <= widest)])
+    apart = np.sort(np.concatenate(found))
     groups = np.split(apart, np.flatnonzero(np.diff(apart) > SLACK_M) + 1)
-    found = np.array([group.mean() for group in groups if len(group)])
-    return found[found > 0.5 * SLACK_M]
+    means = np.array([own.mean() for own in groups if len(own)])
+    return means[means > 0.5 * SLACK_M]
 
 
 def _sizes(gap: Gap, spacings: Array, least_gain: float) -> list[float]:
@@ -209,11 +240,11 @@ def _turns(fitted: Fitted, groups: list[Direction], least_gain: float) -> Iterat
     pose, odometry = fitted.problem.pose, fitted.problem.measurements.odometry
     first, table = table_of(fitted.problem, LINE.kind)
     seen = np.unique(table.node[fitted.problem.match[first : first + len(table)] >= 0])
-    off = wrap(np.diff(pose[:, 2]) - odometry.increment[:, 2])
+    off, angles = wrap(np.diff(pose[:, 2]) - odometry.increment[:, 2]), _angles(groups)
     found = [
         (gap.gain(-turn), gap.last, turn)
         for gap in _between(seen, off, odometry.cov[:, 2, 2])
-        for turn in _angles(groups)
+        for turn in angles
     ]
     found = sorted(turn for turn in found if turn[0] > least_gain)[::-1]
     for gain, last, turn in found[:MOST_TURNS]:

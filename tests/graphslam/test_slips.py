@@ -47,7 +47,7 @@ def floor() -> Fitted:
 def slipped(floor: Fitted, motion: np.ndarray) -> Moved:
     """Returns what a slip makes of path and map from `SLIPPED` on."""
     move = Move(SLIPPED, len(floor.problem.pose), motion, 0.0)
-    return moved(floor, move, near_lines(floor, RULES), RULES)
+    return moved(floor, move, near_lines(floor, float(np.hypot(*motion[:2])), RULES), RULES)
 
 
 def turned(floor: Fitted, angle: float) -> np.ndarray:
@@ -90,7 +90,7 @@ def test_the_move_that_takes_a_slip_back_promises_most(floor: Fitted) -> None:
     wrong = matched(slipped(floor, motion), floor, RULES)
     wrong = renumbered(wrong, wrong.match)
     fitted = Fitted.of(wrong, minimise(wrong, AGAIN))
-    near = near_lines(fitted, RULES)
+    near = near_lines(fitted, 2.0, RULES)
     best = max(
         moves(fitted, -10.0),
         key=lambda move: promise(moved(fitted, move, near, RULES), fitted, move, RULES),
@@ -104,7 +104,7 @@ def test_a_slip_that_was_taken_back_much_later_is_found(
 ) -> None:
     monkeypatch.setattr(slips, "NEXT_BACK", 2)
     motion, last = np.array([PITCH_M, 0.0, 0.0]), len(floor.problem.pose) - 4
-    there = moved(floor, Move(5, last, motion, 0.0), near_lines(floor, RULES), RULES)
+    there = moved(floor, Move(5, last, motion, 0.0), near_lines(floor, PITCH_M, RULES), RULES)
     wrong = matched(there, floor, RULES)
     wrong = renumbered(wrong, wrong.match)
     fitted = Fitted.of(wrong, minimise(wrong, AGAIN))

@@ -14,6 +14,8 @@ from compare.verdict_methods import (
     alarms,
     beaten_by_odometry,
     cautions,
+    doubt,
+    doubtful,
     honesty,
     landmark_counts,
     right_matches,
@@ -67,6 +69,7 @@ def verdict(comparison: Comparison) -> tuple[str, ...]:
     return (
         *_neither(methods, pair, comparison.kinds),
         *_headline(methods, findings, pair, judged),
+        *([] if judged else doubtful(pair or ())),
         *alarms(methods),
         *([] if judged else [NO_TRUTH]),
         *(finding.sentence for finding in findings),
@@ -230,13 +233,15 @@ def _point_findings(methods: Sequence[MethodMetrics], pair: Pair | None) -> Iter
 def _sigma_findings(methods: Sequence[MethodMetrics], pair: Pair | None) -> Iterator[Finding]:
     path = {m.method: m.position_sigma_m for m in methods}
     found = _finding("path", "Path (own sigma of position, RMS)", path, pair)
-    ratio = ""
+    ratio, known = "", True
     if pair is not None:
         variances = pair[0].position_sigma_m ** 2 / pair[1].position_sigma_m ** 2
         ratio = f" The filter's variance is {variances:.3g} times the smoother's."
-    yield Finding(found.quantity, found.better, found.sentence + ratio)
+        known = not any(doubt(m) for m in pair)
+    yield Finding(found.quantity, found.better if known else None, found.sentence + ratio)
     last = {m.method: m.last_position_sigma_m for m in methods}
-    yield _finding("last pose", "Last pose (own sigma of position)", last, pair)
+    found = _finding("last pose", "Last pose (own sigma of position)", last, pair)
+    yield Finding(found.quantity, found.better if known else None, found.sentence)
 
 
 def _finding(quantity: str, what: str, figures: dict[str, float], pair: Pair | None) -> Finding:

@@ -106,6 +106,35 @@ def _confidence(what: str, nees: float, freedom: int) -> Iterator[str]:
         yield f"{what}: consistent with its covariance ({bounds})."
 
 
+def doubt(m: MethodMetrics) -> str | None:
+    """Returns in words why a method's own covariances say nothing of its errors; None if they may.
+
+    They hold for the place it believes to be at, and for a minimum that it has reached.
+    """
+    if any(reason.startswith("lost") for reason in m.counts):
+        return f"{m.method} was lost"
+    if not m.converged:
+        return f"{m.method} has not converged"
+    return None
+
+
+def doubtful(pair: Sequence[MethodMetrics]) -> Iterator[str]:
+    """Yields which of filter and smoother to use where one's own covariances say nothing."""
+    reasons = [doubt(m) for m in pair]
+    if all(reasons):
+        if reasons:
+            yield (
+                f"Nothing tells whether to filter or to smooth this run: {listed(reasons)}, and "
+                "their own covariances say nothing of their errors."
+            )
+    elif any(reasons):
+        answer = "smooth" if reasons[0] else "filter"
+        yield (
+            f"{capital(answer)} this run: {reasons[0] or reasons[1]}, and its own covariances say "
+            "nothing of its errors."
+        )
+
+
 def alarms(methods: Sequence[MethodMetrics]) -> Iterator[str]:
     """Yields what makes a method's figures worthless or doubtful: it was lost, or unfinished."""
     for m in methods:

@@ -201,6 +201,25 @@ def test_without_truth_it_says_so_and_argues_from_covariances_and_agreement() ->
     assert not any("error of" in text for text in texts)
 
 
+def test_without_truth_covariances_of_a_lost_filter_decide_nothing() -> None:
+    sure = replace(UNJUDGED["ekf"], position_sigma_m=0.001, last_position_sigma_m=0.001)
+    assert "filter this run" in verdict(with_method(UNJUDGED, sure))[0]
+    lost = with_method(UNJUDGED, replace(sure, counts={"lost: every sighting rejected": 1}))
+    texts = verdict(lost)
+    assert texts[0].startswith("Smooth this run: ekf was lost, and its own covariances say nothing")
+    assert not any("filter this run" in text for text in texts)
+    late = replace(UNJUDGED["smoother"], converged=False, iterations=50)
+    assert verdict(with_method(UNJUDGED, late))[0].startswith(
+        "Filter this run: smoother has not converged"
+    )
+    both = verdict(with_method(lost, late))
+    assert both[0].startswith("Nothing tells whether to filter or to smooth this run: ekf was lost")
+    judged = with_method(
+        JUDGED, replace(JUDGED["ekf"], counts={"lost: every sighting rejected": 1})
+    )
+    assert verdict(judged)[0].startswith("By ground truth")
+
+
 def test_maps_that_contradict_each_other_are_pointed_out() -> None:
     entry = next(e for e in UNJUDGED.agreement if e.first == "ekf")
     assert entry.map is not None

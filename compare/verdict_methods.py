@@ -107,7 +107,7 @@ def _confidence(what: str, nees: float, freedom: int) -> Iterator[str]:
 
 
 def doubt(m: MethodMetrics) -> str | None:
-    """Returns in words why a method's own covariances say nothing of its errors; None if they may.
+    """Returns in words why a method's own covariances are not to be relied on; None if they are.
 
     They hold for the place it believes to be at, and for a minimum that it has reached.
     """
@@ -119,19 +119,19 @@ def doubt(m: MethodMetrics) -> str | None:
 
 
 def doubtful(pair: Sequence[MethodMetrics]) -> Iterator[str]:
-    """Yields which of filter and smoother to use where one's own covariances say nothing."""
+    """Yields which of filter and smoother to use where own covariances are no guide."""
     reasons = [doubt(m) for m in pair]
     if all(reasons):
         if reasons:
             yield (
                 f"Nothing tells whether to filter or to smooth this run: {listed(reasons)}, and "
-                "their own covariances say nothing of their errors."
+                "their own covariances are not to be relied on."
             )
     elif any(reasons):
         answer = "smooth" if reasons[0] else "filter"
         yield (
-            f"{capital(answer)} this run: {reasons[0] or reasons[1]}, and its own covariances say "
-            "nothing of its errors."
+            f"{capital(answer)} this run: {reasons[0] or reasons[1]}, and its own covariances "
+            "are not to be relied on."
         )
 
 

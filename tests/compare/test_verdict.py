@@ -206,7 +206,7 @@ def test_without_truth_covariances_of_a_lost_filter_decide_nothing() -> None:
     assert "filter this run" in verdict(with_method(UNJUDGED, sure))[0]
     lost = with_method(UNJUDGED, replace(sure, counts={"lost: every sighting rejected": 1}))
     texts = verdict(lost)
-    assert texts[0].startswith("Smooth this run: ekf was lost, and its own covariances say nothing")
+    assert texts[0].startswith("Smooth this run: ekf was lost, and its own covariances are not")
     assert not any("filter this run" in text for text in texts)
     late = replace(UNJUDGED["smoother"], converged=False, iterations=50)
     assert verdict(with_method(UNJUDGED, late))[0].startswith(

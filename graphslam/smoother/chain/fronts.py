@@ -226,22 +226,29 @@ def solve(symbolic: Symbolic, panel, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def solve_chain(chunks: Chunks, linear: Linear, chain, x, source, var_at, step):  # type: ignore[no-untyped-def]
-    """Fills ``step`` (N, 3), the poses' part of a solution ``x``, relative to the first pose's.
-
-    ``source`` is 1 for the system's own right-hand side, 0 where the poses inside have none.
-    """
+def solve_chain(chunks: Chunks, linear: Linear, chain, x, var_at, step):  # type: ignore[no-untyped-def]
+    """Fills ``step`` (N, 3), the poses' part of a solution ``x``, relative to the first pose's."""
     known = np.zeros(chunks.width.max() + linear.rows.shape[1])
-    known[0], step[0] = source, 0.0
+    known[0], step[0] = 1.0, 0.0
     for k in range(len(chunks.bound) - 1):
-        fill, stop = 1, chunks.member_start[k + 1]
-        ends = chunks.bound[k + 1] > chunks.bound[k]
-        for m in range(chunks.member_start[k], stop - 1 if ends else stop):
-            v = chunks.member[m]
-            for q in range(chunks.dims[v]):
-                known[fill] = x[var_at[v] + q]
-                fill += 1
-        if ends:
-            for a in range(POSE):
-                step[chunks.bound[k + 1], a] = x[var_at[k + 1] + a]
-            back_substitute(k, chunks, linear, known, chain, step)
+        solve_chunk(k, chunks, linear, chain, x, var_at, known, step)
+
+
+@njit(cache=True)
+def solve_chunk(k, chunks: Chunks, linear: Linear, chain, x, var_at, known, step):  # type: ignore[no-untyped-def]
+    """Fills ``step`` (N, 3) of the poses of chunk ``k`` but its left separator.
+
+    ``known[0]`` is 1 for the system's own right-hand side, 0 where the poses inside have none; all
+    else in ``known`` is filled.
+    """
+    fill, stop = 1, chunks.member_start[k + 1]
+    ends = chunks.bound[k + 1] > chunks.bound[k]
+    for m in range(chunks.member_start[k], stop - 1 if ends else stop):
+        v = chunks.member[m]
+        for q in range(chunks.dims[v]):
+            known[fill] = x[var_at[v] + q]
+            fill += 1
+    if ends:
+        for a in range(POSE):
+            step[chunks.bound[k + 1], a] = x[var_at[k + 1] + a]
+        back_substitute(k, chunks, linear, known, chain, step)

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from graphslam.smoother.chain.chunks import POSE, Chunks, Linear
-from graphslam.smoother.chain.elimination import back_substitute
+from graphslam.smoother.chain.fronts import solve_chunk
 from graphslam.smoother.chain.inverse import solve_fronts
 from graphslam.smoother.chain.symbolic import Symbolic
 
@@ -66,7 +66,7 @@ def pair_columns(  # type: ignore[no-untyped-def]
             for n in range(begin, end):
                 k = _chunk_of(bound, node[n])
                 if k != last:
-                    _back_into(k, chunks, linear, chain, var_at, x[:, q], known, step)
+                    solve_chunk(k, chunks, linear, chain, x[:, q], var_at, known, step)
                     last = k
                 for a in range(POSE):
                     column[n, a, q] = step[node[n], a]
@@ -91,21 +91,3 @@ def _mark_above(symbolic, front, name, mark, needed, count):  # type: ignore[no-
 def _chunk_of(bound, node):  # type: ignore[no-untyped-def]
     """Returns the chunk that holds a node, its left separator excluded."""
     return min(max(np.searchsorted(bound, node) - 1, 0), len(bound) - 2)
-
-
-@njit(cache=True)
-def _back_into(k, chunks, linear, chain, var_at, x, known, step):  # type: ignore[no-untyped-def]
-    """Fills ``step`` (N, 3) of one chunk's poses and separators, none of them being sources."""
-    ends, stop, fill = chunks.bound[k + 1] > chunks.bound[k], chunks.member_start[k + 1], 1
-    known[0] = 0.0
-    for i in range(chunks.member_start[k], stop - 1 if ends else stop):
-        v = chunks.member[i]
-        for q in range(chunks.dims[v]):
-            known[fill] = x[var_at[v] + q]
-            fill += 1
-    for a in range(POSE):
-        step[chunks.bound[k], a] = x[var_at[k] + a] if k > 0 else 0.0
-        if ends:
-            step[chunks.bound[k + 1], a] = x[var_at[k + 1] + a]
-    if ends:
-        back_substitute(k, chunks, linear, known, chain, step)

@@ -135,7 +135,7 @@ def solution(system: System, pose: Array) -> tuple[Array, Array, float]:
     x, step = np.empty(system.scalars), np.empty((len(pose), POSE))
     solve(system.symbolic, system.panel, x)
     at = system.symbolic.var_at
-    solve_chain(system.chunks, system.linear, system.chain, x, 1.0, at, step)
+    solve_chain(system.chunks, system.linear, system.chain, x, at, step)
     length = float(squares(x) + squares(step.ravel()) - squares(step[system.chunks.bound].ravel()))
     first = x[:POSE]
     carry(pose, first, step)

@@ -102,11 +102,8 @@ class GtsamMinimum:
         with translated_errors():
             tree = self._tree()
             cov = np.array([tree.marginalCovariance(pose_key(node)) for node in range(nodes)])
-        theta, free = self._theta(), np.flatnonzero(~self.problem.fixed).tolist()
-        cov = rotate_covariance(cov, theta)
-        linear = self.solution.linear
-        joint = last_and_map_covariance(self.problem, linear, free, nodes - 1, theta[-1])
-        return 0.5 * (cov + np.swapaxes(cov, 1, 2)), joint
+        cov = rotate_covariance(cov, self._theta())
+        return 0.5 * (cov + np.swapaxes(cov, 1, 2)), self._joint()
 
     def pair_covariances(self, node: IntArray, landmark: IntArray) -> Array:
         """Returns joint covariances (k, 3 + l, 3 + l) of poses and landmarks, floor frame."""
@@ -127,12 +124,17 @@ class GtsamMinimum:
 
     def map_log_det(self) -> float:
         """Returns the logarithm of the determinant of the free landmarks' joint covariance."""
-        _, joint = self.covariances()
         free = np.repeat(~self.problem.fixed, self.problem.dims())
-        cov = joint[3:, 3:][np.ix_(free, free)]
+        cov = self._joint()[3:, 3:][np.ix_(free, free)]
         sigma = np.sqrt(np.diagonal(cov))
         _, alike = np.linalg.slogdet(cov / sigma[:, None] / sigma[None, :])
         return float(alike + 2.0 * np.log(sigma).sum())
+
+    def _joint(self) -> Array:
+        """Returns the covariance of last pose and map, floor frame."""
+        free, last = np.flatnonzero(~self.problem.fixed).tolist(), len(self.pose) - 1
+        theta = float(self._theta()[last])
+        return last_and_map_covariance(self.problem, self.solution.linear, free, last, theta)
 
     def _tree(self) -> gtsam.GaussianBayesTree:
         linear = self.solution.linear

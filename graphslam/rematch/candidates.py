@@ -33,8 +33,7 @@ def within_reach(
     """
     gate, dim = gate_for(config.gate_new, model.dim_z), model.dim_landmark
     row, column = close_pairs(fitted, model, table, landmarks, config)
-    everyone = np.arange(len(fitted.problem.kinds))
-    cov_map = np.zeros((len(everyone), dim, dim))
+    cov_map = np.zeros((len(fitted.problem.kinds), dim, dim))
     cov_map[landmarks] = fitted.landmark_cov(landmarks, landmarks, dim)
     seen = _Seen.of(fitted, model, table)
     kept = [np.zeros(0, np.int64)]

@@ -126,6 +126,12 @@ def stretches_by_sighting(problem: Problem) -> Array:
     return seen
 
 
+def sightings_of(match: IntArray, count: int) -> list[IntArray]:
+    """Returns the sightings of each of so many landmarks, in order."""
+    order = np.argsort(match, kind="stable")
+    return np.split(order, np.searchsorted(match[order], np.arange(count + 1)))[1:-1]
+
+
 def partition(match: IntArray) -> IntArray:
     """Returns matches (K,) with landmarks numbered as they are met: alike for the same groups."""
     landmarks, first, place = np.unique(match, return_index=True, return_inverse=True)

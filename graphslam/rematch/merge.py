@@ -15,7 +15,7 @@ from graphslam.measurements import IntArray
 from graphslam.models import MODELS, Model
 from graphslam.rematch.candidates import CHUNK, near_each_other
 from graphslam.rematch.crowd import by_chance, density_of, most_surprise
-from graphslam.rematch.fitted import Fitted, stretch_on
+from graphslam.rematch.fitted import Fitted, sightings_of, stretch_on
 from graphslam.rematch.reach import gap_price
 
 TOGETHER = 0.1
@@ -79,7 +79,7 @@ def alike(fitted: Fitted, kind: str, landmarks: IntArray, config: RematchConfig)
     possible = ~(problem.fixed[a] & problem.fixed[b]) & ~_seen_together(fitted, a, b)
     possible &= labels_agree(fitted.label[a], fitted.label[b])
     a, b, nearest, least = a[possible], b[possible], nearest[possible], least[possible]
-    by = _sightings_of(problem.match, len(problem.kinds))
+    by = sightings_of(problem.match, len(problem.kinds))
     close = np.flatnonzero(nearest <= config.gate_new)
     gap = np.array([_gap(fitted, int(a[p]), int(b[p]), by[b[p]]) for p in close])
     nearest[close] += gap_price(gap, config)
@@ -152,12 +152,6 @@ def _seen_together(fitted: Fitted, a: IntArray, b: IntArray) -> NDArray[np.bool_
     saw.data[:] = 1.0  # however often a node saw it
     both, each = saw[a].multiply(saw[b]).sum(axis=1), saw.sum(axis=1)
     return np.asarray(both > TOGETHER * np.minimum(each[a], each[b]))
-
-
-def _sightings_of(match: IntArray, count: int) -> list[IntArray]:
-    """Returns the sightings of each landmark."""
-    order = np.argsort(match, kind="stable")
-    return np.split(order, np.searchsorted(match[order], np.arange(count + 1)))[1:-1]
 
 
 def _gap(fitted: Fitted, a: int, b: int, sightings: IntArray) -> float:

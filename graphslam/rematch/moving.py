@@ -12,6 +12,7 @@ from graphslam.config import RematchConfig
 from graphslam.geometry import Array, compose, line_to_floor, position_along
 from graphslam.measurements import IntArray
 from graphslam.models.line import LINE
+from graphslam.rematch.candidates import CHUNK
 from graphslam.rematch.fitted import UNMATCHED, Fitted, table_of
 from graphslam.rematch.reach import close_pairs
 from graphslam.smoother.problem import Problem
@@ -22,8 +23,6 @@ NEW_LINE = 10.0
 """About what a line more costs, in units of the objective."""
 SAME = 0.3
 """Part of the gate within which sightings of a moved line are of one that is there already."""
-CHUNK = 200_000
-"""Pairs of a sighting and a line that are looked at in one go."""
 
 
 @dataclass(frozen=True, slots=True)

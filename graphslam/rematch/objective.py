@@ -9,12 +9,11 @@ import numpy as np
 from graphslam.association import gate_for
 from graphslam.config import RematchConfig
 from graphslam.geometry import Array
-from graphslam.measurements import IntArray
 from graphslam.rematch.crowd import DENSITY
 from graphslam.rematch.fitted import UNMATCHED, Fitted, of_landmark_kinds, stretches_by_sighting
 from graphslam.rematch.laid import laid_odds
 from graphslam.rematch.reach import gap_price
-from graphslam.rematch.view import watched
+from graphslam.rematch.view import joined, watched
 from graphslam.smoother.problem import Problem
 from graphslam.smoother.robust import ODOMETRY_DIM, SMALLEST_WEIGHT
 
@@ -73,17 +72,6 @@ def _gaps_within(problem: Problem) -> Array:
     """Returns the gaps (g,), m, between the stretches that were seen of each landmark."""
     seen = stretches_by_sighting(problem)
     known = np.isfinite(seen).all(axis=1)
-    return _gaps(problem.match[known], seen[known])
-
-
-def _gaps(landmark: IntArray, seen: Array) -> Array:
-    """Returns the gaps (g,) between stretches (k, 2) of each of some landmarks (k,)."""
-    order = np.lexsort((seen[:, 0], landmark))
-    landmark, seen = landmark[order], seen[order]
-    if not len(landmark):
-        return np.zeros(0)
-    # the farthest end so far of each landmark: shifted apart, one running maximum does for all
-    apart = (1.0 + np.ptp(seen)) * np.cumsum(np.diff(landmark, prepend=landmark[0]) != 0)
-    reached = np.maximum.accumulate(seen[:, 1] + apart) - apart
-    gap = seen[1:, 0] - reached[:-1]
-    return np.asarray(gap[(np.diff(landmark) == 0) & (gap > 0.0)])
+    parts = joined(problem.match[known], seen[known])
+    gap = parts.low[1:] - parts.high[:-1]
+    return np.asarray(gap[np.diff(parts.landmark) == 0])

@@ -9,7 +9,7 @@ import numpy as np
 
 from graphslam.geometry import Array
 from graphslam.measurements import IntArray
-from graphslam.rematch.fitted import nodes_of, stretches_by_sighting
+from graphslam.rematch.fitted import nodes_of, sightings_of, stretches_by_sighting
 from graphslam.rematch.found import travelled
 from graphslam.rematch.sure import Surety
 from graphslam.smoother.problem import Problem
@@ -82,10 +82,8 @@ def taken_apart(problem: Problem, parts: Sequence[IntArray]) -> Problem:
 
 def _sightings_of_each(problem: Problem) -> list[IntArray]:
     """Returns the sightings of each landmark that is not known, in order."""
-    count = len(problem.kinds)
-    order = np.argsort(problem.match, kind="stable")
-    starts = np.searchsorted(problem.match[order], np.arange(count + 1))
-    return [order[starts[m] : starts[m + 1]] for m in np.flatnonzero(~problem.fixed).tolist()]
+    of = sightings_of(problem.match, len(problem.kinds))
+    return [of[m] for m in np.flatnonzero(~problem.fixed).tolist()]
 
 
 def _gaps(seen: Array) -> Array:

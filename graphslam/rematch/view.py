@@ -76,7 +76,7 @@ def watched(problem: Problem, config: RematchConfig) -> Watched:
     reach = float(np.hypot(*corners.reshape(-1, 2).T).max())
     ends = _ends(problem, seen_by, view, BEYOND * usual)
     further = ends.sure(config)
-    known = _joined(seen_by.landmark, seen_by.stretch + np.array([-further, further]))
+    known = joined(seen_by.landmark, seen_by.stretch + np.array([-further, further]))
     landmark, node = _pairs(problem, seen_by, known, reach)
     part = _length_in_view(problem, landmark, node, known, view) / usual
     hit = np.isin(_names(problem, landmark, node), _names(problem, seen_by.landmark, seen_by.node))
@@ -93,7 +93,7 @@ class _Seen:
 
 
 @dataclass(frozen=True, slots=True)
-class _Parts:
+class Parts:
     """Disjoint parts of lines, ordered by landmark and place.
 
     Attributes:
@@ -119,8 +119,10 @@ def _seen(problem: Problem, used: Used) -> _Seen:
     return _Seen(used.landmark[known], node[known], stretch[known])
 
 
-def _joined(landmark: IntArray, stretch: Array) -> _Parts:
+def joined(landmark: IntArray, stretch: Array) -> Parts:
     """Returns the union of stretches (k, 2) of each landmark (k,) as disjoint parts."""
+    if not len(landmark):
+        return Parts(landmark, np.zeros(0), np.zeros(0), landmark)
     order = np.lexsort((stretch[:, 0], landmark))
     whose, low, high = landmark[order], stretch[order, 0], stretch[order, 1]
     # the farthest end so far of each landmark: shifted apart, one running maximum does for all
@@ -131,12 +133,12 @@ def _joined(landmark: IntArray, stretch: Array) -> _Parts:
     of = np.empty(len(order), np.int64)
     of[order] = np.cumsum(new) - 1
     last = np.append(first[1:], len(order)) - 1
-    return _Parts(whose[first], low[first], reached[last], of)
+    return Parts(whose[first], low[first], reached[last], of)
 
 
 def _ends(problem: Problem, seen: _Seen, view: Array, margin: float) -> Ends:
     """Returns the ends of lines that some sighting saw with ``margin``, m, in view beyond."""
-    known = _joined(seen.landmark, seen.stretch)
+    known = joined(seen.landmark, seen.stretch)
     low, high = _in_view(problem.pose[seen.node], problem.params[seen.landmark], view)
     count = 0
     for sign, view_end, seen_end, end in (
@@ -154,7 +156,7 @@ def _names(problem: Problem, landmark: IntArray, node: IntArray) -> IntArray:
     return landmark * len(problem.pose) + node
 
 
-def _pairs(problem: Problem, seen: _Seen, known: _Parts, reach: float) -> tuple[IntArray, IntArray]:
+def _pairs(problem: Problem, seen: _Seen, known: Parts, reach: float) -> tuple[IntArray, IntArray]:
     """Returns landmarks (P,) and nodes (P,) near enough to see a known part, and some beyond."""
     count = 2 + ((known.high - known.low) / reach).astype(np.int64)
     part = np.repeat(np.arange(len(count)), count)
@@ -170,7 +172,7 @@ def _pairs(problem: Problem, seen: _Seen, known: _Parts, reach: float) -> tuple[
 
 
 def _length_in_view(
-    problem: Problem, landmark: IntArray, node: IntArray, known: _Parts, view: Array
+    problem: Problem, landmark: IntArray, node: IntArray, known: Parts, view: Array
 ) -> Array:
     """Returns how much (P,) of the known parts of landmarks (P,) nodes (P,) have in view, m."""
     low, high = _in_view(problem.pose[node], problem.params[landmark], view)
